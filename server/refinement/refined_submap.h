@@ -1,0 +1,39 @@
+// A submap after its own bundle adjustment: what the later stages match, align and fuse.
+#ifndef PORTOLAN_SERVER_REFINEMENT_REFINED_SUBMAP_H_
+#define PORTOLAN_SERVER_REFINEMENT_REFINED_SUBMAP_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/camera/camera_model.h"
+#include "common/submap/submap.h"
+
+namespace portolan {
+
+// A landmark triangulated from the submap's own observations only, hence independent of every
+// other submap. Lengths in submap units.
+struct RefinedLandmark {
+  TrackId track;
+  Eigen::Vector3d point_in_submap = Eigen::Vector3d::Zero();
+  // Large along the ray where the parallax is small; always positive definite.
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
+  int observation_count = 0;
+};
+
+struct RefinedSubmap {
+  SubmapId id;
+  std::shared_ptr<const Submap> raw;
+  std::shared_ptr<const CameraModel> camera;
+  // Adjusted poses, parallel to raw->keyframes; the first is the identity.
+  std::vector<Rigid3> submap_from_camera;
+  // Ascending track id. Empty if quarantined.
+  std::vector<RefinedLandmark> landmarks;
+  double rms_reprojection_px = 0;
+  // Not empty: the submap is kept but never fused, for this reason.
+  std::string quarantine_reason;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_REFINEMENT_REFINED_SUBMAP_H_
