@@ -1,0 +1,241 @@
+#include "agent/agent.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+namespace portolan {
+namespace {
+
+std::vector<Measurement> MeasurementsOf(const std::vector<TrackedPoint>& points,
+                                        const auto& is_wanted) {
+  std::vector<Measurement> measurements;
+  measurements.reserve(points.size());
+  for (const TrackedPoint& point : points) {
+    if (is_wanted(point.track)) {
+      measurements.push_back({point.track, point.pixel, point.sigma_px});
+    }
+  }
+  return measurements;
+}
+
+bool Contains(const std::vector<TrackId>& sorted, TrackId track) {
+  return std::binary_search(sorted.begin(), sorted.end(), track);
+}
+
+}  // namespace
+
+Status AgentOptions::Validate() const {
+  PORTOLAN_RETURN_IF_ERROR(tracker.Validate());
+  PORTOLAN_RETURN_IF_ERROR(filter.Validate());
+  PORTOLAN_RETURN_IF_ERROR(landmarks.Validate());
+  PORTOLAN_RETURN_IF_ERROR(keyframes.Validate());
+  PORTOLAN_RETURN_IF_ERROR(submap.Validate());
+  PORTOLAN_RETURN_IF_ERROR(health.Validate());
+  if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
+    return absl::InvalidArgumentError("min_tracks_share must be within 0 and 1");
+  }
+  return absl::OkStatus();
+}
+
+StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options,
+                                               const CameraModel& camera, AgentId agent,
+                                               SessionId session) {
+  PORTOLAN_RETURN_IF_ERROR(options.Validate());
+  PORTOLAN_ASSIGN_OR_RETURN(auto tracker, Tracker::Create(options.tracker, camera));
+  PORTOLAN_ASSIGN_OR_RETURN(auto filter, LocalFilter::Create(options.filter, camera, nullptr));
+  return std::unique_ptr<Agent>(new Agent(options, camera, SubmapKey{std::move(agent), session, 0},
+                                          std::move(tracker), std::move(filter)));
+}
+
+Agent::Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
+             std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter)
+    : options_(options),
+      camera_(camera),
+      key_(key),
+      tracker_(std::move(tracker)),
+      filter_(std::move(filter)),
+      landmarks_(options.landmarks, camera),
+      keyframe_selector_(options.keyframes, camera),
+      builder_(options.submap),
+      health_(options.health) {}
+
+StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray) {
+  PORTOLAN_RETURN_IF_ERROR(CheckFrame(time, gray));
+  is_keyframe_ = false;
+  std::optional<Submap> failed;
+  if (tracking_ && health_.IsPauseTooLong(time - *last_time_)) failed = HandleFailure(time);
+  last_time_ = time;
+  if (!tracking_) {
+    StartTracking(time, gray);
+    return Report(tracking_, std::move(failed));
+  }
+  TrackPoints(time, gray);
+  const int inliers = UpdateFilter();
+  if (const auto spoiled_from = health_.Report(time, inliers, filter_->Diverged())) {
+    return Report(false, HandleFailure(*spoiled_from));
+  }
+  builder_.AddFrame(time, filter_->submap_from_camera());
+  const bool tracked = !health_.last_frame_bad();
+  if (tracked && keyframe_selector_.IsDue(time, filter_->submap_from_camera(), UsablePoints())) {
+    AddKeyframe(time);
+  }
+  Replenish(false);
+  return Report(tracked, CloseIfFull(time));
+}
+
+Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray) const {
+  if (gray.type() != CV_8UC1) {
+    return absl::InvalidArgumentError("the image is not 8-bit grey");
+  }
+  if (gray.cols != camera_.width_px() || gray.rows != camera_.height_px()) {
+    return absl::InvalidArgumentError(
+        "the image is " + std::to_string(gray.cols) + "x" + std::to_string(gray.rows) +
+        " px, the calibration is for " + std::to_string(camera_.width_px()) + "x" +
+        std::to_string(camera_.height_px()) + " px");
+  }
+  if (last_time_ && time <= *last_time_) {
+    return absl::InvalidArgumentError("time " + std::to_string(ToSeconds(time)) +
+                                      " s is not after the last frame's, " +
+                                      std::to_string(ToSeconds(*last_time_)) + " s");
+  }
+  return absl::OkStatus();
+}
+
+void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
+  filter_->Start(time);
+  landmarks_.Reset();
+  health_.Reset();
+  tracker_->Track(gray, {}, Eigen::Quaterniond::Identity());
+  tracker_->Detect();
+  measured_ = 0;
+  Replenish(true);
+  // An image without corners starts nothing; the next one is tried.
+  tracking_ = landmarks_.count() >= options_.health.min_inliers;
+  if (!tracking_) return;
+  OpenSubmap(link_);
+  builder_.AddFrame(time, Rigid3::Identity());
+  AddKeyframe(time);
+}
+
+void Agent::TrackPoints(Timestamp time, const cv::Mat& gray) {
+  const Rigid3 before = filter_->submap_from_camera();
+  filter_->Predict(time);
+  predicted_ = filter_->PredictMeasurements();
+  std::vector<TrackPrediction> predictions;
+  predictions.reserve(predicted_.size());
+  for (const auto& prediction : predicted_) {
+    predictions.push_back({prediction.track, prediction.pixel});
+  }
+  tracker_->Track(gray, predictions,
+                  before.rotation.conjugate() * filter_->submap_from_camera().rotation);
+  std::vector<SearchRegion> lost;
+  for (const auto& prediction : predicted_) {
+    if (!tracker_->IsTracked(prediction.track)) {
+      lost.push_back({prediction.track, prediction.pixel, prediction.innovation_covariance});
+    }
+  }
+  if (!lost.empty()) tracker_->Reacquire(lost);
+}
+
+int Agent::UpdateFilter() {
+  const UpdateResult update =
+      filter_->Update(MeasurementsOf(tracker_->points(), [this](TrackId track) {
+        return landmarks_.IsLandmark(track);
+      }));
+  Remove(landmarks_.Report(predicted_, update));
+  measured_ = static_cast<int>(update.inliers.size());
+  return measured_;
+}
+
+void Agent::Remove(const LandmarkRemovals& removals) {
+  tracker_->Drop(removals.tracks);
+  filter_->RemoveLandmarks(removals.landmarks);
+  landmarks_.Remove(removals.landmarks);
+}
+
+void Agent::Replenish(bool starting) {
+  const auto few = static_cast<size_t>(options_.min_tracks_share * options_.tracker.max_points);
+  if (!starting && (is_keyframe_ || tracker_->points().size() < few)) tracker_->Detect();
+  if (measured_ * 10 > options_.landmarks.target_landmarks * 9) return;
+  const std::vector<TrackId> chosen = landmarks_.Choose(tracker_->points(), measured_, starting);
+  Remove({landmarks_.MakeRoomFor(static_cast<int>(chosen.size())), {}});
+  filter_->AddLandmarks(MeasurementsOf(
+      tracker_->points(), [&chosen](TrackId track) { return Contains(chosen, track); }));
+  landmarks_.Add(chosen);
+}
+
+std::vector<TrackedPoint> Agent::UsablePoints() const {
+  std::vector<TrackedPoint> usable;
+  usable.reserve(tracker_->points().size());
+  for (const TrackedPoint& point : tracker_->points()) {
+    if (!landmarks_.WasOutlier(point.track)) usable.push_back(point);
+  }
+  return usable;
+}
+
+void Agent::AddKeyframe(Timestamp time) {
+  is_keyframe_ = true;
+  const std::vector<TrackedPoint> points = UsablePoints();
+  keyframe_selector_.SetKeyframe(time, filter_->submap_from_camera(), points);
+  std::vector<Feature> features;
+  if (builder_.NextIsDescribed()) features = tracker_->Describe();
+  builder_.AddKeyframe(time, filter_->submap_from_camera(), filter_->pose_covariance(), points,
+                       std::move(features));
+}
+
+void Agent::OpenSubmap(LinkType link) {
+  link_ = link;
+  builder_.Open(key_, link);
+}
+
+std::optional<Submap> Agent::TakeSubmap(Submap submap, size_t min_keyframes) {
+  if (submap.keyframes.size() < min_keyframes) return std::nullopt;
+  ++key_.sequence_number;
+  return submap;
+}
+
+std::optional<Submap> Agent::CloseIfFull(Timestamp time) {
+  if (!is_keyframe_ || !builder_.IsFull(1.0 / filter_->median_inverse_depth())) return std::nullopt;
+  auto closed = TakeSubmap(builder_.Close(filter_->Landmarks()), 2);
+  predecessor_from_submap_ = filter_->BeginSubmap();
+  OpenSubmap(LinkType::kConnected);
+  builder_.AddFrame(time, Rigid3::Identity());
+  AddKeyframe(time);
+  return closed;
+}
+
+std::optional<Submap> Agent::HandleFailure(Timestamp spoiled_from) {
+  auto closed = TakeSubmap(builder_.CloseBefore(spoiled_from),
+                           static_cast<size_t>(options_.submap.min_keyframes));
+  link_ = key_.sequence_number == 0 ? LinkType::kNone : LinkType::kBroken;
+  predecessor_from_submap_ = Rigid3::Identity();
+  tracking_ = false;
+  std::vector<TrackId> all;
+  for (const TrackedPoint& point : tracker_->points()) all.push_back(point.track);
+  tracker_->Drop(all);
+  return closed;
+}
+
+std::optional<Submap> Agent::Finish() {
+  if (!tracking_) return std::nullopt;
+  tracking_ = false;
+  if (!is_keyframe_ && !health_.last_frame_bad()) AddKeyframe(*last_time_);
+  return TakeSubmap(builder_.Close(filter_->Landmarks()), 2);
+}
+
+FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) const {
+  FrameResult result;
+  result.submap_sequence_number = key_.sequence_number;
+  result.link = link_;
+  result.predecessor_from_submap = predecessor_from_submap_;
+  result.submap_from_camera = filter_->submap_from_camera();
+  result.tracked = tracked;
+  result.landmarks_measured = measured_;
+  result.tracks = static_cast<int>(tracker_->points().size());
+  result.is_keyframe = is_keyframe_;
+  result.closed_submap = std::move(closed_submap);
+  return result;
+}
+
+}  // namespace portolan

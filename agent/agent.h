@@ -1,0 +1,107 @@
+// The agent's whole path from image to submap, without threads, files or network.
+#ifndef PORTOLAN_AGENT_AGENT_H_
+#define PORTOLAN_AGENT_AGENT_H_
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include <opencv2/core/mat.hpp>
+
+#include "agent/filter/local_filter.h"
+#include "agent/landmarks/landmark_manager.h"
+#include "agent/submap/keyframe_selector.h"
+#include "agent/submap/submap_builder.h"
+#include "agent/submap/tracking_health.h"
+#include "agent/tracker/tracker.h"
+#include "common/base/status.h"
+#include "common/camera/camera_model.h"
+
+namespace portolan {
+
+struct AgentOptions {
+  TrackerOptions tracker;
+  FilterOptions filter;
+  LandmarkManagerOptions landmarks;
+  KeyframeSelectorOptions keyframes;
+  SubmapBuilderOptions submap;
+  TrackingHealthOptions health;
+  // New corners are looked for when fewer than this share of tracker.max_points is left, and at
+  // every keyframe.
+  double min_tracks_share = 0.8;
+
+  Status Validate() const;
+};
+
+// What became of one image.
+struct FrameResult {
+  uint32_t submap_sequence_number = 0;
+  // Link of that submap to its predecessor, and the predecessor's frame in case of kConnected.
+  LinkType link = LinkType::kNone;
+  Rigid3 predecessor_from_submap;
+  Rigid3 submap_from_camera;
+  // False while tracking is failing: the pose is a prediction.
+  bool tracked = false;
+  int landmarks_measured = 0;
+  int tracks = 0;
+  bool is_keyframe = false;
+  // The submap that this frame completed, ready for upload.
+  std::optional<Submap> closed_submap;
+};
+
+// Protocol: ProcessImage for every frame in order of time, then Finish. Repeatable: the same
+// images give the same submaps. Thread-compatible.
+class Agent {
+ public:
+  static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options,
+                                                 const CameraModel& camera, AgentId agent,
+                                                 SessionId session);
+
+  // gray: CV_8UC1 of the camera's size. InvalidArgument if it is not, or if time does not
+  // increase; the frame is then ignored and the agent goes on.
+  StatusOr<FrameResult> ProcessImage(Timestamp time, const cv::Mat& gray);
+
+  // Takes the last frame as a keyframe and ends the open submap, if it is worth an upload.
+  std::optional<Submap> Finish();
+
+ private:
+  Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
+        std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter);
+
+  Status CheckFrame(Timestamp time, const cv::Mat& gray) const;
+  void StartTracking(Timestamp time, const cv::Mat& gray);
+  void TrackPoints(Timestamp time, const cv::Mat& gray);
+  int UpdateFilter();
+  void Remove(const LandmarkRemovals& removals);
+  void Replenish(bool starting);
+  void AddKeyframe(Timestamp time);
+  void OpenSubmap(LinkType link);
+  std::optional<Submap> CloseIfFull(Timestamp time);
+  std::optional<Submap> HandleFailure(Timestamp spoiled_from);
+  std::optional<Submap> TakeSubmap(Submap submap, size_t min_keyframes);
+  // The live points without those that the filter just called outliers.
+  std::vector<TrackedPoint> UsablePoints() const;
+  FrameResult Report(bool tracked, std::optional<Submap> closed_submap) const;
+
+  AgentOptions options_;
+  CameraModel camera_;
+  // Of the open submap.
+  SubmapKey key_;
+  LinkType link_ = LinkType::kNone;
+  Rigid3 predecessor_from_submap_;
+  std::unique_ptr<Tracker> tracker_;
+  std::unique_ptr<LocalFilter> filter_;
+  LandmarkManager landmarks_;
+  KeyframeSelector keyframe_selector_;
+  SubmapBuilder builder_;
+  TrackingHealth health_;
+  std::vector<PredictedMeasurement> predicted_;
+  int measured_ = 0;
+  bool is_keyframe_ = false;
+  bool tracking_ = false;
+  std::optional<Timestamp> last_time_;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_AGENT_H_

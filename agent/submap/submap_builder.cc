@@ -1,0 +1,107 @@
+#include "agent/submap/submap_builder.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "common/base/check.h"
+
+namespace portolan {
+
+Status SubmapBuilderOptions::Validate() const {
+  if (max_keyframes < 3 || max_keyframes > 64) {
+    return absl::InvalidArgumentError("submap.max_keyframes must be within 3 and 64");
+  }
+  if (min_keyframes < 2 || min_keyframes > max_keyframes) {
+    return absl::InvalidArgumentError("submap.min_keyframes must be within 2 and max_keyframes");
+  }
+  if (!(max_distance_depths > 0)) {
+    return absl::InvalidArgumentError("submap.max_distance_depths must be > 0");
+  }
+  if (!(max_rotation_rad > 0)) {
+    return absl::InvalidArgumentError("submap.max_rotation_rad must be > 0");
+  }
+  if (keyframes_per_description < 1) {
+    return absl::InvalidArgumentError("submap.keyframes_per_description must be >= 1");
+  }
+  if (!(min_inverse_depth_sigmas > 0)) {
+    return absl::InvalidArgumentError("submap.min_inverse_depth_sigmas must be > 0");
+  }
+  return absl::OkStatus();
+}
+
+void SubmapBuilder::Open(const SubmapKey& key, LinkType link) {
+  submap_ = Submap();
+  submap_.key = key;
+  submap_.link = link;
+  distance_ = 0;
+  rotation_rad_ = 0;
+}
+
+void SubmapBuilder::AddFrame(Timestamp time, const Rigid3& submap_from_camera) {
+  submap_.frames.push_back({time, submap_from_camera});
+}
+
+void SubmapBuilder::AddKeyframe(Timestamp time, const Rigid3& submap_from_camera,
+                                const Matrix6d& covariance,
+                                const std::vector<TrackedPoint>& points,
+                                std::vector<Feature> features) {
+  if (!submap_.keyframes.empty()) {
+    const Rigid3 step = submap_.keyframes.back().submap_from_camera.Inverse() * submap_from_camera;
+    distance_ += step.translation.norm();
+    rotation_rad_ += RotationLog(step.rotation).norm();
+  }
+  Keyframe keyframe;
+  keyframe.time = time;
+  keyframe.submap_from_camera = submap_from_camera;
+  keyframe.covariance = covariance;
+  keyframe.features = std::move(features);
+  keyframe.observations.reserve(points.size());
+  for (const TrackedPoint& point : points) {
+    keyframe.observations.push_back(
+        {point.track, point.pixel.cast<float>(), static_cast<float>(point.sigma_px)});
+  }
+  std::sort(keyframe.observations.begin(), keyframe.observations.end(),
+            [](const Observation& a, const Observation& b) { return a.track < b.track; });
+  submap_.keyframes.push_back(std::move(keyframe));
+}
+
+bool SubmapBuilder::NextIsDescribed() const {
+  const int next = static_cast<int>(submap_.keyframes.size());
+  return next >= 2 && (next - 2) % options_.keyframes_per_description == 0;
+}
+
+bool SubmapBuilder::IsFull(double median_depth) const {
+  const int count = static_cast<int>(submap_.keyframes.size());
+  if (count >= options_.max_keyframes) return true;
+  if (count < options_.min_keyframes) return false;
+  return distance_ > options_.max_distance_depths * median_depth ||
+         rotation_rad_ > options_.max_rotation_rad;
+}
+
+Submap SubmapBuilder::Close(const std::vector<LandmarkEstimate>& landmarks) {
+  std::unordered_set<TrackId> observed;
+  for (const Keyframe& keyframe : submap_.keyframes) {
+    for (const Observation& observation : keyframe.observations) observed.insert(observation.track);
+  }
+  for (const LandmarkEstimate& landmark : landmarks) {
+    const bool depth_known =
+        landmark.inverse_depth > options_.min_inverse_depth_sigmas * landmark.inverse_depth_sigma;
+    if (depth_known && observed.contains(landmark.track)) {
+      submap_.landmarks.push_back({landmark.track, landmark.point_in_submap, landmark.covariance});
+    }
+  }
+  std::sort(
+      submap_.landmarks.begin(), submap_.landmarks.end(),
+      [](const SubmapLandmark& a, const SubmapLandmark& b) { return a.track < b.track; });
+  return std::exchange(submap_, Submap());
+}
+
+Submap SubmapBuilder::CloseBefore(Timestamp time) {
+  auto& keyframes = submap_.keyframes;
+  auto& frames = submap_.frames;
+  while (!keyframes.empty() && keyframes.back().time >= time) keyframes.pop_back();
+  while (!frames.empty() && frames.back().time >= time) frames.pop_back();
+  return std::exchange(submap_, Submap());
+}
+
+}  // namespace portolan
