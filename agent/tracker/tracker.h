@@ -1,0 +1,112 @@
+// Follows image points through a sequence, without drift and to sub-pixel accuracy.
+#ifndef PORTOLAN_AGENT_TRACKER_TRACKER_H_
+#define PORTOLAN_AGENT_TRACKER_TRACKER_H_
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <memory>
+#include <opencv2/core/mat.hpp>
+#include <span>
+#include <vector>
+
+#include "agent/tracker/corner_detector.h"
+#include "common/base/status.h"
+#include "common/base/strong_id.h"
+#include "common/camera/camera_model.h"
+#include "common/features/feature_extractor.h"
+#include "common/submap/submap.h"
+
+namespace portolan {
+
+// Where the filter expects a track in the next image, raw (distorted) pixels.
+struct TrackPrediction {
+  TrackId track;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+};
+
+// A live track in the current image.
+struct TrackedPoint {
+  TrackId track;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();  // raw (distorted)
+  double sigma_px = 1.0;                            // standard deviation per axis
+  int age_frames = 0;                               // images since it was detected
+};
+
+// Where a lost track is looked for: the 3-sigma ellipse of the covariance about the pixel.
+struct SearchRegion {
+  TrackId track;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d covariance_px2 = Eigen::Matrix2d::Identity();
+};
+
+struct TrackerOptions {
+  // Live tracks at most; the filter uses a part, the server's adjustment all.
+  int max_points = 200;
+  // Least distance of a new corner from the other tracks, as a share of the grid's cell size.
+  double min_distance_cells = 0.4;
+  // No track nearer to the image's edge than this: half a patch and its warp must fit.
+  double border_px = 10.0;
+  // Two tracks nearer than this are one: the younger goes.
+  double merge_distance_px = 3.0;
+  // Least zero-mean normalised cross-correlation with the reference patch to live on.
+  double min_correlation = 0.75;
+  // Least correlation to revive a lost track: stricter, as the whole search region competes.
+  double min_reacquire_correlation = 0.85;
+  // Pyramid levels above the image itself for the search from frame to frame; capped so that the
+  // smallest level keeps 40 px.
+  int pyramid_levels = 3;
+  // Standard deviation of a perfect match.
+  double base_sigma_px = 0.5;
+  // Patches of lost tracks kept for re-acquisition.
+  int max_lost = 400;
+  DetectorOptions detector;
+  FeatureExtractorOptions features;
+
+  Status Validate() const;
+};
+
+// Protocol per image: Track, then any of Drop, Reacquire, Detect, Describe, which all refer to the
+// image last given to Track. The same images and calls give the same tracks. Owns copies of what
+// it needs of an image. Thread-compatible.
+class Tracker {
+ public:
+  static StatusOr<std::unique_ptr<Tracker>> Create(const TrackerOptions& options,
+                                                   const CameraModel& camera);
+  ~Tracker();
+  Tracker(const Tracker&) = delete;
+  Tracker& operator=(const Tracker&) = delete;
+
+  // Moves all live tracks into the image; those that cannot be found are lost. gray: CV_8UC1 of
+  // the camera's size, else InvalidArgument and nothing changes. Predictions of unknown tracks are
+  // ignored. previous_from_current is the camera's rotation since the previous image, the start
+  // for tracks without prediction; identity if unknown.
+  Status Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
+               const Eigen::Quaterniond& previous_from_current);
+
+  // Starts tracks at the best corners of empty grid cells, up to max_points. Returns the new ones,
+  // ascending.
+  std::vector<TrackId> Detect();
+
+  // Ends tracks, for good; ids that are not live are ignored.
+  void Drop(std::span<const TrackId> tracks);
+
+  // Looks for lost tracks by correlation of their stored patch; found ones live on under the same
+  // id. Returns them, ascending. Unknown and live tracks are ignored.
+  std::vector<TrackId> Reacquire(std::span<const SearchRegion> lost);
+
+  // Live tracks, ascending id.
+  const std::vector<TrackedPoint>& points() const;
+
+  // Descriptors of all live tracks and of further corners of the current image.
+  std::vector<Feature> Describe() const;
+
+ private:
+  class Impl;
+  explicit Tracker(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_TRACKER_TRACKER_H_
