@@ -13,6 +13,23 @@
 namespace portolan {
 
 struct PlaceIndexOptions {
+  // Words: `tables` times `bits_per_word` bits drawn from the 256 (see locality_words.h). More
+  // tables find more, longer words cost less; the figures are in README.md.
+  int tables = 8;
+  int bits_per_word = 18;
+  // Described features kept of a submap; more are thinned evenly. Bounds memory (about 64 bytes a
+  // feature) and time.
+  int max_features = 1200;
+  // Words that more than this share of the submaps hold say nothing and are skipped.
+  double max_word_frequency = 0.3;
+  // Submaps with most votes, compared exactly afterwards. A map of no more submaps than this is
+  // searched exhaustively.
+  int shortlist = 24;
+  // Features of the query used in the exact comparison; more are thinned evenly.
+  int max_compared_features = 400;
+  // Two descriptors may show the same point if they differ in at most this many of 256 bits.
+  int max_distance_bits = 60;
+
   Status Validate() const;
 };
 

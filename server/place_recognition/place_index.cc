@@ -1,0 +1,220 @@
+#include "server/place_recognition/place_index.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <utility>
+
+#include "absl/container/flat_hash_map.h"
+#include "absl/strings/str_cat.h"
+#include "common/features/descriptor_table.h"
+#include "server/place_recognition/inverted_file.h"
+#include "server/place_recognition/locality_words.h"
+
+namespace portolan {
+namespace {
+
+// The described features of a submap, thinned. Features of one track form a group, every other
+// feature is a group of its own: a point counts once, however often it was described.
+struct Place {
+  DescriptorTable descriptors;
+  std::vector<uint32_t> groups;  // parallel, 0..group_count-1
+  uint32_t group_count = 0;
+};
+
+Status CheckRange(const char* name, double value, double low, double high) {
+  if (value >= low && value <= high) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrCat("place index: ", name, " = ", value, " is not in [", low, ", ", high, "]"));
+}
+
+Place MakePlace(const Submap& submap, size_t max_features) {
+  std::vector<const Feature*> features;
+  for (const Keyframe& keyframe : submap.keyframes) {
+    for (const Feature& feature : keyframe.features) features.push_back(&feature);
+  }
+  const size_t count = std::min(features.size(), max_features);
+  Place place;
+  place.descriptors.Reserve(count);
+  absl::flat_hash_map<TrackId, uint32_t> group_of_track;
+  for (size_t i = 0; i < count; ++i) {
+    const Feature& feature = *features[i * features.size() / count];
+    place.descriptors.Append(feature.descriptor);
+    uint32_t group = place.group_count;
+    if (feature.track) group = group_of_track.try_emplace(*feature.track, group).first->second;
+    place.group_count += group == place.group_count;
+    place.groups.push_back(group);
+  }
+  return place;
+}
+
+std::vector<uint32_t> WordsOf(const Place& place, const LocalityWords& locality_words) {
+  std::vector<uint32_t> words;
+  for (size_t i = 0; i < place.descriptors.size(); ++i) {
+    locality_words.AppendWords(place.descriptors[i], &words);
+  }
+  std::sort(words.begin(), words.end());
+  words.erase(std::unique(words.begin(), words.end()), words.end());
+  return words;
+}
+
+// How well `query` is found in `place`: every group of the query supports the group of its nearest
+// descriptor with 1 - distance / (max_distance_bits + 1); of several supporters of one group the
+// best counts.
+double Similarity(const Place& query, const Place& place, size_t max_compared,
+                  uint32_t max_distance_bits, std::vector<uint32_t>* distances) {
+  constexpr uint32_t kFar = 257;
+  struct Nearest {
+    uint32_t distance = kFar;
+    uint32_t group = 0;
+  };
+  std::vector<Nearest> nearest(query.group_count);
+  const size_t size = query.descriptors.size();
+  const size_t count = std::min(size, max_compared);
+  for (size_t i = 0; i < count; ++i) {
+    const size_t q = i * size / count;
+    place.descriptors.Distances(query.descriptors[q], distances);
+    const auto best = std::min_element(distances->begin(), distances->end());
+    Nearest& entry = nearest[query.groups[q]];
+    if (best != distances->end() && *best < entry.distance) {
+      entry = {*best, place.groups[best - distances->begin()]};
+    }
+  }
+  std::vector<uint32_t> support(place.group_count, 0);
+  for (const Nearest& entry : nearest) {
+    if (entry.distance > max_distance_bits) continue;
+    support[entry.group] = std::max(support[entry.group], max_distance_bits + 1 - entry.distance);
+  }
+  uint64_t sum = 0;
+  for (const uint32_t s : support) sum += s;
+  return static_cast<double>(sum) / (max_distance_bits + 1);
+}
+
+bool IsBetter(const PlaceCandidate& a, const PlaceCandidate& b) {
+  return a.score != b.score ? a.score > b.score : a.submap < b.submap;
+}
+
+void KeepBest(size_t count, std::vector<PlaceCandidate>* candidates) {
+  count = std::min(count, candidates->size());
+  std::partial_sort(candidates->begin(), candidates->begin() + count, candidates->end(), IsBetter);
+  candidates->resize(count);
+}
+
+}  // namespace
+
+Status PlaceIndexOptions::Validate() const {
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("tables", tables, 1, 32));
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("bits_per_word", bits_per_word, 8, 24));
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("max_features", max_features, 1, 100000));
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("max_word_frequency", max_word_frequency, 0, 1));
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("shortlist", shortlist, 1, 1000000));
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("max_compared_features", max_compared_features, 1, 100000));
+  return CheckRange("max_distance_bits", max_distance_bits, 0, 255);
+}
+
+class PlaceIndex::Impl {
+ public:
+  explicit Impl(const PlaceIndexOptions& options)
+      : options_(options), locality_words_(options.tables, options.bits_per_word) {}
+
+  void Add(SubmapId id, const Submap& submap) {
+    Remove(id);
+    Place place = MakePlace(submap, options_.max_features);
+    const uint32_t slot = TakeSlot();
+    inverted_file_.Add(slot, WordsOf(place, locality_words_));
+    slots_[slot] = Entry{id, std::move(place)};
+    slot_of_.emplace(id, slot);
+  }
+
+  void Remove(SubmapId id) {
+    const auto it = slot_of_.find(id);
+    if (it == slot_of_.end()) return;
+    const uint32_t slot = it->second;
+    inverted_file_.Remove(slot, WordsOf(slots_[slot]->place, locality_words_));
+    slots_[slot].reset();
+    free_slots_.push_back(slot);
+    slot_of_.erase(it);
+  }
+
+  std::vector<PlaceCandidate> Query(const Submap& submap, int max_candidates,
+                                    const std::function<bool(SubmapId)>& admissible) const {
+    if (max_candidates <= 0) return {};
+    const Place query = MakePlace(submap, options_.max_features);
+    std::vector<PlaceCandidate> candidates = Shortlist(query, max_candidates, admissible);
+    std::vector<uint32_t> distances;
+    for (PlaceCandidate& candidate : candidates) {
+      const Place& place = slots_[slot_of_.at(candidate.submap)]->place;
+      candidate.score = Similarity(query, place, options_.max_compared_features,
+                                   options_.max_distance_bits, &distances);
+    }
+    std::erase_if(candidates, [](const PlaceCandidate& c) { return c.score <= 0; });
+    KeepBest(max_candidates, &candidates);
+    return candidates;
+  }
+
+  int submap_count() const { return static_cast<int>(slot_of_.size()); }
+
+ private:
+  struct Entry {
+    SubmapId id;
+    Place place;
+  };
+
+  uint32_t TakeSlot() {
+    if (free_slots_.empty()) {
+      slots_.emplace_back();
+      return static_cast<uint32_t>(slots_.size() - 1);
+    }
+    const uint32_t slot = free_slots_.back();
+    free_slots_.pop_back();
+    return slot;
+  }
+
+  // The admissible submaps with most votes; all of them if they are few.
+  std::vector<PlaceCandidate> Shortlist(const Place& query, int max_candidates,
+                                        const std::function<bool(SubmapId)>& admissible) const {
+    const size_t count = std::max(options_.shortlist, max_candidates);
+    const bool vote = slot_of_.size() > count;
+    std::vector<uint32_t> votes(slots_.size(), 0);
+    if (vote) {
+      votes = inverted_file_.Vote(WordsOf(query, locality_words_), options_.max_word_frequency);
+    }
+    std::vector<PlaceCandidate> candidates;
+    for (size_t slot = 0; slot < slots_.size(); ++slot) {
+      if (!slots_[slot] || (vote && votes[slot] == 0)) continue;
+      const SubmapId id = slots_[slot]->id;
+      if (!admissible || admissible(id)) candidates.push_back({id, double(votes[slot])});
+    }
+    KeepBest(count, &candidates);
+    return candidates;
+  }
+
+  const PlaceIndexOptions options_;
+  const LocalityWords locality_words_;
+  InvertedFile inverted_file_;
+  std::vector<std::optional<Entry>> slots_;
+  std::vector<uint32_t> free_slots_;
+  absl::flat_hash_map<SubmapId, uint32_t> slot_of_;
+};
+
+PlaceIndex::PlaceIndex(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PlaceIndex::~PlaceIndex() = default;
+
+StatusOr<std::unique_ptr<PlaceIndex>> PlaceIndex::Create(const PlaceIndexOptions& options) {
+  PORTOLAN_RETURN_IF_ERROR(options.Validate());
+  return std::unique_ptr<PlaceIndex>(new PlaceIndex(std::make_unique<Impl>(options)));
+}
+
+void PlaceIndex::Add(SubmapId id, const Submap& submap) { impl_->Add(id, submap); }
+
+void PlaceIndex::Remove(SubmapId id) { impl_->Remove(id); }
+
+std::vector<PlaceCandidate> PlaceIndex::Query(
+    const Submap& submap, int max_candidates,
+    const std::function<bool(SubmapId)>& admissible) const {
+  return impl_->Query(submap, max_candidates, admissible);
+}
+
+int PlaceIndex::submap_count() const { return impl_->submap_count(); }
+
+}  // namespace portolan
