@@ -7,9 +7,9 @@
 namespace portolan {
 
 struct MapBuilderOptions {
-  // Threads of the numerical solvers. Results depend on it in the last digits only; a fixed
-  // number makes them repeatable.
-  int num_threads = 2;
+  // Threads of the numerical solvers. With one, results repeat to the last bit; with more, the
+  // order of Ceres' sums, and so the last digits, depend on the scheduler.
+  int num_threads = 1;
 
   Status Validate() const;
 };

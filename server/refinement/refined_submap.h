@@ -27,6 +27,9 @@ struct RefinedSubmap {
   std::shared_ptr<const CameraModel> camera;
   // Adjusted poses, parallel to raw->keyframes; the first is the identity.
   std::vector<Rigid3> submap_from_camera;
+  // Of the right perturbation [translation; rotation] of the last pose, where a connected
+  // successor hangs; gauge: first keyframe fixed, and the norm of all translations (the scale).
+  Matrix6d last_keyframe_covariance = Matrix6d::Zero();
   // Ascending track id. Empty if quarantined.
   std::vector<RefinedLandmark> landmarks;
   double rms_reprojection_px = 0;

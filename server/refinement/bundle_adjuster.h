@@ -1,0 +1,57 @@
+// Bundle adjustment with Ceres: robust loss, Schur complement, outliers removed between rounds.
+#ifndef PORTOLAN_SERVER_REFINEMENT_BUNDLE_ADJUSTER_H_
+#define PORTOLAN_SERVER_REFINEMENT_BUNDLE_ADJUSTER_H_
+
+#include <atomic>
+
+#include "common/base/status.h"
+#include "server/refinement/bundle_problem.h"
+
+namespace portolan {
+
+struct BundleOptions {
+  // Levenberg-Marquardt iterations a round; convergence is usually reached well before.
+  int max_iterations = 25;
+  // Relative decrease of the cost under which a round ends. The ATE no longer changes below it.
+  double function_tolerance = 1e-5;
+  // Rounds of solve and outlier test; the last one is always followed by the test.
+  int rounds = 2;
+  // Residuals beyond this many sigmas weigh less (Cauchy).
+  double loss_scale_sigmas = 2.0;
+  // An observation whose squared error in sigmas exceeds this is an outlier. 95 % of chi-square
+  // with 2 degrees of freedom is 5.99; flow tracks have heavier tails.
+  double outlier_chi2 = 9.0;
+  // The depth prior: sigma of the inverse depth relative to its value and to that of the median
+  // depth. Two orders of magnitude weaker than the pixels of a point with one degree of parallax.
+  double inverse_depth_prior_relative = 0.5;
+  double inverse_depth_prior_of_median = 0.2;
+  // Points farther than this many median depths are held at this distance.
+  double max_depth_medians = 1000.0;
+  int num_threads = 1;
+
+  Status Validate() const;
+};
+
+struct BundleSummary {
+  // False if the solver failed or nothing could be adjusted; the problem is then unchanged.
+  bool usable = false;
+  bool interrupted = false;
+  double initial_cost = 0;
+  double final_cost = 0;
+  int iterations = 0;
+  int inlier_count = 0;
+  // Root mean square over the inliers, in sigmas and in pixels (a 2-vector counts once).
+  double rms_sigmas = 0;
+  double rms_px = 0;
+};
+
+// Adjusts the free cameras and points in place and updates the inlier marks of the observations;
+// marks come back as well as go. Points with fewer than two inlier observations stay where they
+// are. Thread-safe function; deterministic with one thread. `interrupt` may be null; once it
+// is true the solve returns with what it has.
+BundleSummary AdjustBundle(const BundleOptions& options, const std::atomic<bool>* interrupt,
+                           BundleProblem* problem);
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_REFINEMENT_BUNDLE_ADJUSTER_H_

@@ -1,0 +1,137 @@
+#include "server/refinement/bundle_costs.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace portolan {
+namespace {
+
+using Vector3Map = Eigen::Map<const Eigen::Vector3d>;
+
+// Residual, in sigmas, of an observation whose point does not project.
+constexpr double kUnprojectableResidual = 20.0;
+// Below this distance (in the problem's unit) the direction between two cameras is undefined.
+constexpr double kMinDistance = 1e-12;
+
+}  // namespace
+
+Rigid3 CameraReference::Apply(const double* perturbation) const {
+  return {(world_from_camera.rotation * RotationExp(Vector3Map(perturbation + 3))).normalized(),
+          world_from_camera.translation + world_from_camera.rotation * Vector3Map(perturbation)};
+}
+
+PointReference PointReference::At(const Eigen::Vector3d& anchor_in_world,
+                                  const Eigen::Vector3d& point_in_world) {
+  PointReference reference;
+  reference.anchor_in_world = anchor_in_world;
+  const Eigen::Vector3d bearing = (point_in_world - anchor_in_world).normalized();
+  reference.axes.col(0) = bearing.unitOrthogonal();
+  reference.axes.col(1) = bearing.cross(reference.axes.col(0));
+  reference.axes.col(2) = bearing;
+  return reference;
+}
+
+Eigen::Vector3d PointReference::Apply(const double* parameters, double min_rho) const {
+  const Eigen::Vector3d direction = axes * Eigen::Vector3d(parameters[0], parameters[1], 1.0);
+  return anchor_in_world + direction / std::max(parameters[2], min_rho);
+}
+
+Eigen::Matrix3d PointReference::PointJacobian(const double* parameters, double min_rho) const {
+  const double rho = std::max(parameters[2], min_rho);
+  const Eigen::Vector3d direction = axes * Eigen::Vector3d(parameters[0], parameters[1], 1.0);
+  Eigen::Matrix3d jacobian;
+  jacobian.leftCols<2>() = axes.leftCols<2>() / rho;
+  jacobian.col(2) = -direction / (rho * rho);
+  return jacobian;
+}
+
+bool ReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
+                                double** jacobians) const {
+  const Vector3Map rotation_tangent(parameters[0] + 3);
+  const Rigid3 pose = camera_->Apply(parameters[0]);
+  const Eigen::Matrix3d camera_from_world = pose.rotation.conjugate().toRotationMatrix();
+  const double rho = parameters[1][2];
+  const Eigen::Vector3d direction =
+      point_->axes * Eigen::Vector3d(parameters[1][0], parameters[1][1], 1.0);
+  const Eigen::Vector3d anchor_from_camera = point_->anchor_in_world - pose.translation;
+  // The point in the camera, up to the positive factor rho, which no pixel depends on.
+  const Eigen::Vector3d scaled_point = camera_from_world * (direction + rho * anchor_from_camera);
+
+  Eigen::Map<Eigen::Vector2d> residual(residuals);
+  Matrix23d d_pixel_d_point = Matrix23d::Zero();
+  const std::optional<Eigen::Vector2d> pixel =
+      camera_->model->Project(scaled_point, jacobians == nullptr ? nullptr : &d_pixel_d_point);
+  if (pixel) {
+    residual = (*pixel - pixel_) * inverse_sigma_;
+    d_pixel_d_point *= inverse_sigma_;
+  } else {
+    residual.setConstant(kUnprojectableResidual);
+    d_pixel_d_point.setZero();
+  }
+  if (jacobians == nullptr) return true;
+  if (jacobians[0] != nullptr) {
+    Eigen::Map<Eigen::Matrix<double, 2, 6, Eigen::RowMajor>> d_camera(jacobians[0]);
+    d_camera.leftCols<3>() = -rho * d_pixel_d_point * camera_from_world *
+                             camera_->world_from_camera.rotation.toRotationMatrix();
+    d_camera.rightCols<3>() =
+        d_pixel_d_point * Skew(scaled_point) * RotationRightJacobian(rotation_tangent);
+  }
+  if (jacobians[1] != nullptr) {
+    Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>> d_point(jacobians[1]);
+    const Matrix23d d_pixel_d_world = d_pixel_d_point * camera_from_world;
+    d_point.leftCols<2>() = d_pixel_d_world * point_->axes.leftCols<2>();
+    d_point.col(2) = d_pixel_d_world * anchor_from_camera;
+  }
+  return true;
+}
+
+bool PositionCost::Evaluate(double const* const* parameters, double* residuals,
+                            double** jacobians) const {
+  const Rigid3& reference = camera_->world_from_camera;
+  Eigen::Map<Eigen::Vector3d> residual(residuals);
+  residual = (reference.translation + reference.rotation * Vector3Map(parameters[0]) -
+              prior_.position_in_world) /
+             prior_.sigma;
+  if (jacobians == nullptr || jacobians[0] == nullptr) return true;
+  Eigen::Map<Eigen::Matrix<double, 3, 6, Eigen::RowMajor>> d_camera(jacobians[0]);
+  d_camera.setZero();
+  d_camera.leftCols<3>() = reference.rotation.toRotationMatrix() / prior_.sigma;
+  return true;
+}
+
+bool DistanceCost::Evaluate(double const* const* parameters, double* residuals,
+                            double** jacobians) const {
+  const Rigid3& a = camera_a_->world_from_camera;
+  const Rigid3& b = camera_b_->world_from_camera;
+  const Eigen::Vector3d difference = a.translation + a.rotation * Vector3Map(parameters[0]) -
+                                     b.translation - b.rotation * Vector3Map(parameters[1]);
+  const double norm = std::max(difference.norm(), kMinDistance);
+  residuals[0] = std::log(norm / distance_) * inverse_sigma_;
+  if (jacobians == nullptr) return true;
+  // d log|x| = x' dx / |x|^2.
+  const Eigen::RowVector3d d_difference = difference.transpose() / (norm * norm) * inverse_sigma_;
+  if (jacobians[0] != nullptr) {
+    Eigen::Map<Eigen::Matrix<double, 1, 6>> d_camera(jacobians[0]);
+    d_camera.setZero();
+    d_camera.leftCols<3>() = d_difference * a.rotation.toRotationMatrix();
+  }
+  if (jacobians[1] != nullptr) {
+    Eigen::Map<Eigen::Matrix<double, 1, 6>> d_camera(jacobians[1]);
+    d_camera.setZero();
+    d_camera.leftCols<3>() = -d_difference * b.rotation.toRotationMatrix();
+  }
+  return true;
+}
+
+bool InverseDepthCost::Evaluate(double const* const* parameters, double* residuals,
+                                double** jacobians) const {
+  residuals[0] = (parameters[0][2] - rho_) * inverse_sigma_;
+  if (jacobians != nullptr && jacobians[0] != nullptr) {
+    jacobians[0][0] = 0;
+    jacobians[0][1] = 0;
+    jacobians[0][2] = inverse_sigma_;
+  }
+  return true;
+}
+
+}  // namespace portolan

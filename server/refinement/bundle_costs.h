@@ -1,0 +1,112 @@
+// Cost functions of the bundle adjustment with analytic Jacobians.
+//
+// A camera is a 6-vector [translation; rotation], the right perturbation of a constant reference
+// pose:  R = R0 Exp(r),  t = t0 + R0 d.
+// A point is (u, v, rho) about a constant anchor (the position of a camera that sees it, as it was
+// before the solve): the ray  dir = bearing + u e1 + v e2  in the world's axes and the inverse
+// distance rho along it, x = anchor + dir / rho (Civera, Davison, Montiel, T-RO 2008, with the
+// anchor held constant, so that no second camera enters the residual). Points at infinity have
+// rho = 0 and are as regular as any other.
+#ifndef PORTOLAN_SERVER_REFINEMENT_BUNDLE_COSTS_H_
+#define PORTOLAN_SERVER_REFINEMENT_BUNDLE_COSTS_H_
+
+#include <ceres/sized_cost_function.h>
+
+#include "common/camera/camera_model.h"
+#include "common/geometry/rigid3.h"
+#include "server/refinement/bundle_problem.h"
+
+namespace portolan {
+
+// The constant part of a camera block.
+struct CameraReference {
+  Rigid3 world_from_camera;
+  const CameraModel* model = nullptr;
+
+  Rigid3 Apply(const double* perturbation) const;
+};
+
+// The constant part of a point block.
+struct PointReference {
+  Eigen::Vector3d anchor_in_world = Eigen::Vector3d::Zero();
+  // Columns: e1, e2 (orthonormal tangents), bearing (unit).
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();
+
+  // A reference whose parameters (0, 0, 1 / distance) give `point_in_world`.
+  static PointReference At(const Eigen::Vector3d& anchor_in_world,
+                           const Eigen::Vector3d& point_in_world);
+  // The point; rho is raised to min_rho.
+  Eigen::Vector3d Apply(const double* parameters, double min_rho) const;
+  // Derivative of the point with respect to (u, v, rho).
+  Eigen::Matrix3d PointJacobian(const double* parameters, double min_rho) const;
+};
+
+// (pixel - observed) / sigma. A point that does not project costs a constant: it neither steers
+// the step nor fails the solve, and the outlier test removes the observation.
+class ReprojectionCost : public ceres::SizedCostFunction<2, 6, 3> {
+ public:
+  // The references are not owned and outlive the cost.
+  ReprojectionCost(const CameraReference* camera, const PointReference* point,
+                   const Eigen::Vector2d& pixel, double sigma_px)
+      : camera_(camera), point_(point), pixel_(pixel), inverse_sigma_(1.0 / sigma_px) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override;
+
+ private:
+  const CameraReference* camera_;
+  const PointReference* point_;
+  Eigen::Vector2d pixel_;
+  double inverse_sigma_;
+};
+
+// (t - position) / sigma.
+class PositionCost : public ceres::SizedCostFunction<3, 6> {
+ public:
+  PositionCost(const CameraReference* camera, const PositionPrior& prior)
+      : camera_(camera), prior_(prior) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override;
+
+ private:
+  const CameraReference* camera_;
+  PositionPrior prior_;
+};
+
+// log(|t_a - t_b| / distance) / sigma_log.
+class DistanceCost : public ceres::SizedCostFunction<1, 6, 6> {
+ public:
+  DistanceCost(const CameraReference* camera_a, const CameraReference* camera_b, double distance,
+               double sigma_log)
+      : camera_a_(camera_a),
+        camera_b_(camera_b),
+        distance_(distance),
+        inverse_sigma_(1.0 / sigma_log) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override;
+
+ private:
+  const CameraReference* camera_a_;
+  const CameraReference* camera_b_;
+  double distance_;
+  double inverse_sigma_;
+};
+
+// (rho - rho0) / sigma: keeps points whose parallax tells nothing where they are.
+class InverseDepthCost : public ceres::SizedCostFunction<1, 3> {
+ public:
+  InverseDepthCost(double rho, double sigma) : rho_(rho), inverse_sigma_(1.0 / sigma) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override;
+
+ private:
+  double rho_;
+  double inverse_sigma_;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_REFINEMENT_BUNDLE_COSTS_H_

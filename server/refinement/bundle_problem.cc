@@ -1,0 +1,47 @@
+#include "server/refinement/bundle_problem.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace portolan {
+
+double ReprojectionChi2(const BundleProblem& problem, const BundleObservation& observation) {
+  const BundleCamera& camera = problem.cameras[observation.camera];
+  const Rigid3& pose = camera.world_from_camera;
+  const Eigen::Vector3d point_in_camera =
+      pose.rotation.conjugate() *
+      (problem.points[observation.point].point_in_world - pose.translation);
+  const std::optional<Eigen::Vector2d> pixel = camera.model->Project(point_in_camera);
+  if (!pixel) return std::numeric_limits<double>::infinity();
+  return (*pixel - observation.pixel).squaredNorm() / (observation.sigma_px * observation.sigma_px);
+}
+
+double ParallaxRad(const std::vector<Eigen::Vector3d>& camera_positions,
+                   const Eigen::Vector3d& point_in_world) {
+  double largest = 0;
+  if (camera_positions.empty()) return largest;
+  const Eigen::Vector3d first = (point_in_world - camera_positions[0]).normalized();
+  for (const Eigen::Vector3d& position : camera_positions) {
+    const Eigen::Vector3d ray = (point_in_world - position).normalized();
+    largest = std::max(largest, std::atan2(first.cross(ray).norm(), first.dot(ray)));
+  }
+  return largest;
+}
+
+double MedianDepth(const BundleProblem& problem) {
+  std::vector<bool> seen(problem.points.size(), false);
+  std::vector<double> depths;
+  for (const BundleObservation& observation : problem.observations) {
+    if (!observation.inlier || seen[observation.point]) continue;
+    seen[observation.point] = true;
+    depths.push_back((problem.points[observation.point].point_in_world -
+                      problem.cameras[observation.camera].world_from_camera.translation)
+                         .norm());
+  }
+  if (depths.empty()) return 1.0;
+  std::nth_element(depths.begin(), depths.begin() + depths.size() / 2, depths.end());
+  return std::max(depths[depths.size() / 2], 1e-9);
+}
+
+}  // namespace portolan

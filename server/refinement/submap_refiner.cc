@@ -1,0 +1,273 @@
+#include "server/refinement/submap_refiner.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "server/refinement/bundle_covariance.h"
+
+namespace portolan {
+namespace {
+
+// The posterior variance factor is trusted between these: pixel sigmas are at most wrong by a
+// factor of two.
+constexpr double kMinVarianceFactor = 0.25;
+constexpr double kMaxVarianceFactor = 4.0;
+// Keeps every landmark covariance positive definite in spite of rounding, relative to the depth.
+constexpr double kRelativeVarianceFloor = 1e-10;
+
+struct Sight {
+  int keyframe = 0;
+  const Observation* observation = nullptr;
+};
+using SightsOfTrack = std::map<TrackId, std::vector<Sight>>;
+
+SightsOfTrack CollectTracks(const Submap& submap) {
+  SightsOfTrack tracks;
+  for (size_t k = 0; k < submap.keyframes.size(); ++k) {
+    for (const Observation& observation : submap.keyframes[k].observations) {
+      tracks[observation.track].push_back({static_cast<int>(k), &observation});
+    }
+  }
+  std::erase_if(tracks, [](const auto& track) { return track.second.size() < 2; });
+  return tracks;
+}
+
+// Median distance of the filter's landmarks from the submap's origin; 1 without any.
+double FilterSceneDepth(const Submap& submap) {
+  std::vector<double> depths;
+  for (const SubmapLandmark& landmark : submap.landmarks) {
+    depths.push_back(landmark.point_in_submap.norm());
+  }
+  if (depths.empty()) return 1.0;
+  std::nth_element(depths.begin(), depths.begin() + depths.size() / 2, depths.end());
+  return std::max(depths[depths.size() / 2], 1e-9);
+}
+
+class Refinement {
+ public:
+  Refinement(const SubmapRefinerOptions& options, RefinedSubmap* submap)
+      : options_(options), submap_(*submap), tracks_(CollectTracks(*submap->raw)) {}
+
+  // Returns the quarantine reason, empty if there is none.
+  std::string Run() {
+    if (submap_.raw->keyframes.size() < 2) return "fewer than two keyframes";
+    AddCameras();
+    Triangulate();
+    if (LandmarkCount() < options_.min_landmarks) return "too few tracks could be triangulated";
+    if (const std::string reason = Adjust(); !reason.empty()) return reason;
+    // What the adjusted poses make of the tracks that did not fit the filter's.
+    TriangulateMissing();
+    if (const std::string reason = Adjust(); !reason.empty()) return reason;
+    return WriteResult();
+  }
+
+ private:
+  void AddCameras() {
+    scene_depth_ = FilterSceneDepth(*submap_.raw);
+    for (const Keyframe& keyframe : submap_.raw->keyframes) {
+      BundleCamera camera;
+      camera.world_from_camera = keyframe.submap_from_camera;
+      camera.model = submap_.camera.get();
+      problem_.cameras.push_back(camera);
+    }
+    problem_.cameras[0].fixed = true;
+  }
+
+  void Triangulate() {
+    for (const auto& [track, sights] : tracks_) {
+      const int point = static_cast<int>(problem_.points.size());
+      problem_.points.emplace_back();
+      for (const Sight& sight : sights) {
+        BundleObservation observation;
+        observation.camera = sight.keyframe;
+        observation.point = point;
+        observation.pixel = sight.observation->pixel.cast<double>();
+        observation.sigma_px = sight.observation->sigma_px;
+        observation.inlier = false;
+        problem_.observations.push_back(observation);
+      }
+    }
+    TriangulateMissing();
+    scene_depth_ = MedianDepth(problem_);
+    for (size_t k = 1; k < problem_.cameras.size(); ++k) {
+      BundleCamera& camera = problem_.cameras[k];
+      camera.prior = PositionPrior{camera.world_from_camera.translation,
+                                   options_.position_prior_of_depth * scene_depth_};
+    }
+  }
+
+  // Triangulates the points with fewer than two inliers, all of them the first time.
+  void TriangulateMissing() {
+    size_t begin = 0;
+    size_t point = 0;
+    for (const auto& [track, sights] : tracks_) {
+      const auto first = problem_.observations.begin() + begin;
+      const auto last = first + sights.size();
+      begin += sights.size();
+      const auto inliers =
+          std::count_if(first, last, [](const BundleObservation& o) { return o.inlier; });
+      if (inliers < 2) TriangulatePoint(track, first, last, &problem_.points[point]);
+      ++point;
+    }
+  }
+
+  void TriangulatePoint(TrackId track, std::vector<BundleObservation>::iterator first,
+                        std::vector<BundleObservation>::iterator last, BundlePoint* point) {
+    std::vector<TrackSight> sights;
+    for (auto it = first; it != last; ++it) {
+      const BundleCamera& camera = problem_.cameras[it->camera];
+      sights.push_back({{camera.world_from_camera, camera.model}, it->pixel, it->sigma_px});
+    }
+    const std::optional<TriangulatedPoint> result =
+        TriangulateTrack(options_.triangulation, sights, FilterPoint(track), scene_depth_);
+    if (!result) return;
+    point->point_in_world = result->point_in_world;
+    for (auto it = first; it != last; ++it) it->inlier = result->inliers[it - first];
+  }
+
+  std::optional<Eigen::Vector3d> FilterPoint(TrackId track) const {
+    const std::vector<SubmapLandmark>& landmarks = submap_.raw->landmarks;
+    const auto it = std::lower_bound(
+        landmarks.begin(), landmarks.end(), track,
+        [](const SubmapLandmark& landmark, TrackId id) { return landmark.track < id; });
+    if (it == landmarks.end() || it->track != track) return std::nullopt;
+    return it->point_in_submap;
+  }
+
+  std::vector<int> InlierCounts() const {
+    std::vector<int> counts(problem_.points.size(), 0);
+    for (const BundleObservation& observation : problem_.observations) {
+      counts[observation.point] += observation.inlier ? 1 : 0;
+    }
+    return counts;
+  }
+
+  int LandmarkCount() const {
+    const std::vector<int> counts = InlierCounts();
+    return static_cast<int>(
+        std::count_if(counts.begin(), counts.end(), [](int count) { return count >= 2; }));
+  }
+
+  std::string Adjust() {
+    summary_ = AdjustBundle(options_.bundle, nullptr, &problem_);
+    if (!summary_.usable) return "the adjustment failed";
+    const double share = static_cast<double>(summary_.inlier_count) /
+                         static_cast<double>(problem_.observations.size());
+    if (share < options_.min_inlier_share) return "too many observations disagree";
+    if (LandmarkCount() < options_.min_landmarks) return "too few landmarks remain";
+    std::vector<int> counts(problem_.cameras.size(), 0);
+    for (const BundleObservation& observation : problem_.observations) {
+      counts[observation.camera] += observation.inlier ? 1 : 0;
+    }
+    if (*std::min_element(counts.begin(), counts.end()) < options_.min_keyframe_inliers) {
+      return "a keyframe has too few inliers";
+    }
+    return "";
+  }
+
+  std::string WriteResult() {
+    const std::optional<BundleCovariance> covariance = BundleCovariance::Compute(problem_);
+    if (!covariance) return "the adjusted system is singular";
+    const double factor = VarianceFactor();
+    for (size_t k = 0; k < problem_.cameras.size(); ++k) {
+      submap_.submap_from_camera[k] = problem_.cameras[k].world_from_camera;
+    }
+    submap_.last_keyframe_covariance =
+        factor * covariance->Camera(static_cast<int>(problem_.cameras.size()) - 1);
+    submap_.rms_reprojection_px = summary_.rms_px;
+    WriteLandmarks(*covariance, factor);
+    return "";
+  }
+
+  void WriteLandmarks(const BundleCovariance& covariance, double factor) {
+    const std::vector<int> counts = InlierCounts();
+    int point = -1;
+    for (const auto& [track, sights] : tracks_) {
+      ++point;
+      if (counts[point] < 2) continue;
+      RefinedLandmark landmark;
+      landmark.track = track;
+      landmark.point_in_submap = problem_.points[point].point_in_world;
+      const double floor = kRelativeVarianceFloor * landmark.point_in_submap.squaredNorm();
+      landmark.covariance = factor * covariance.Point(point) + floor * Eigen::Matrix3d::Identity();
+      landmark.observation_count = counts[point];
+      if (landmark.covariance.allFinite()) submap_.landmarks.push_back(landmark);
+    }
+  }
+
+  // Residual variance over its expectation: the sigmas of the observations are the agent's guess.
+  double VarianceFactor() const {
+    const double unknowns =
+        6.0 * static_cast<double>(problem_.cameras.size() - 1) + 3.0 * LandmarkCount();
+    const double redundancy = std::max(2.0 * summary_.inlier_count - unknowns, 1.0);
+    const double sum = summary_.rms_sigmas * summary_.rms_sigmas * summary_.inlier_count;
+    return std::clamp(sum / redundancy, kMinVarianceFactor, kMaxVarianceFactor);
+  }
+
+  const SubmapRefinerOptions& options_;
+  RefinedSubmap& submap_;
+  SightsOfTrack tracks_;
+  BundleProblem problem_;  // points parallel to tracks_, observations in the tracks' order
+  BundleSummary summary_;
+  double scene_depth_ = 1.0;
+};
+
+}  // namespace
+
+Status SubmapRefinerOptions::Validate() const {
+  PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
+  PORTOLAN_RETURN_IF_ERROR(bundle.Validate());
+  if (!(position_prior_of_depth > 0) || min_landmarks < 3 || min_keyframe_inliers < 3 ||
+      !(min_inlier_share >= 0 && min_inlier_share <= 1)) {
+    return absl::InvalidArgumentError("refinement: limits out of range");
+  }
+  return absl::OkStatus();
+}
+
+StatusOr<SubmapRefiner> SubmapRefiner::Create(const SubmapRefinerOptions& options) {
+  PORTOLAN_RETURN_IF_ERROR(options.Validate());
+  return SubmapRefiner(options);
+}
+
+std::shared_ptr<const RefinedSubmap> SubmapRefiner::Refine(
+    SubmapId id, std::shared_ptr<const Submap> submap,
+    std::shared_ptr<const CameraModel> camera) const {
+  auto refined = std::make_shared<RefinedSubmap>();
+  refined->id = id;
+  refined->raw = std::move(submap);
+  refined->camera = std::move(camera);
+  for (const Keyframe& keyframe : refined->raw->keyframes) {
+    refined->submap_from_camera.push_back(keyframe.submap_from_camera);
+  }
+  refined->quarantine_reason = Refinement(options_, refined.get()).Run();
+  return refined;
+}
+
+std::vector<std::vector<bool>> AgreeingObservations(const RefinedSubmap& submap, double max_chi2) {
+  std::vector<std::vector<bool>> agreeing;
+  for (size_t k = 0; k < submap.raw->keyframes.size(); ++k) {
+    const Rigid3 camera_from_submap = submap.submap_from_camera[k].Inverse();
+    std::vector<bool>& marks = agreeing.emplace_back();
+    for (const Observation& observation : submap.raw->keyframes[k].observations) {
+      const RefinedLandmark* landmark = FindLandmark(submap, observation.track);
+      std::optional<Eigen::Vector2d> pixel;
+      if (landmark != nullptr) {
+        pixel = submap.camera->Project(camera_from_submap * landmark->point_in_submap);
+      }
+      const double limit = max_chi2 * observation.sigma_px * observation.sigma_px;
+      marks.push_back(pixel && (*pixel - observation.pixel.cast<double>()).squaredNorm() < limit);
+    }
+  }
+  return agreeing;
+}
+
+const RefinedLandmark* FindLandmark(const RefinedSubmap& submap, TrackId track) {
+  const auto it = std::lower_bound(
+      submap.landmarks.begin(), submap.landmarks.end(), track,
+      [](const RefinedLandmark& landmark, TrackId id) { return landmark.track < id; });
+  return it == submap.landmarks.end() || it->track != track ? nullptr : &*it;
+}
+
+}  // namespace portolan

@@ -1,0 +1,57 @@
+// First stage for an uploaded submap: its own bundle adjustment from its raw observations.
+#ifndef PORTOLAN_SERVER_REFINEMENT_SUBMAP_REFINER_H_
+#define PORTOLAN_SERVER_REFINEMENT_SUBMAP_REFINER_H_
+
+#include <memory>
+
+#include "common/base/status.h"
+#include "server/refinement/bundle_adjuster.h"
+#include "server/refinement/refined_submap.h"
+#include "server/refinement/triangulation.h"
+
+namespace portolan {
+
+struct SubmapRefinerOptions {
+  TriangulationOptions triangulation;
+  BundleOptions bundle;
+  // Standard deviation of the filter's keyframe positions as a share of the scene's depth. It
+  // keeps the scale, and holds the positions of a camera that only turns; where there is
+  // parallax, pixels are a hundred times stronger.
+  double position_prior_of_depth = 0.1;
+  // A submap with fewer refined landmarks than this cannot be matched or linked reliably.
+  int min_landmarks = 15;
+  // A keyframe with fewer inlier observations has no pose of its own (six unknowns, and some
+  // redundancy to notice wrong ones).
+  int min_keyframe_inliers = 8;
+  // Under this share of inliers the filter's estimate was wrong, not just inexact.
+  double min_inlier_share = 0.6;
+
+  Status Validate() const;
+};
+
+// Immutable after creation, thread-safe, deterministic with one solver thread.
+class SubmapRefiner {
+ public:
+  static StatusOr<SubmapRefiner> Create(const SubmapRefinerOptions& options);
+
+  // Always returns a submap; one that cannot be refined has a quarantine reason, the filter's
+  // poses and no landmarks.
+  std::shared_ptr<const RefinedSubmap> Refine(SubmapId id, std::shared_ptr<const Submap> submap,
+                                              std::shared_ptr<const CameraModel> camera) const;
+
+ private:
+  explicit SubmapRefiner(const SubmapRefinerOptions& options) : options_(options) {}
+
+  SubmapRefinerOptions options_;
+};
+
+// Which of a refined submap's raw observations agree with it: for keyframe k and observation i of
+// it, result[k][i]. Observations of tracks without a landmark do not.
+std::vector<std::vector<bool>> AgreeingObservations(const RefinedSubmap& submap, double max_chi2);
+
+// The landmark of a track; null if it has none.
+const RefinedLandmark* FindLandmark(const RefinedSubmap& submap, TrackId track);
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_REFINEMENT_SUBMAP_REFINER_H_

@@ -1,0 +1,48 @@
+// Multi-view triangulation of one track from known camera poses, robust against wrong sights.
+#ifndef PORTOLAN_SERVER_REFINEMENT_TRIANGULATION_H_
+#define PORTOLAN_SERVER_REFINEMENT_TRIANGULATION_H_
+
+#include <optional>
+#include <vector>
+
+#include "common/base/status.h"
+#include "server/refinement/bundle_costs.h"
+
+namespace portolan {
+
+struct TriangulationOptions {
+  // A sight agrees with a point if its squared error in sigmas is under this. Generous, because
+  // the poses still come from the filter.
+  double inlier_chi2 = 40.0;
+  // Gauss-Newton steps on the agreeing sights; it converges quadratically from the best pair.
+  int max_iterations = 6;
+  // Depth that is believed in when the rays do not tell, and how far "infinity" is, in scene
+  // depths.
+  double far_scene_depths = 100.0;
+
+  Status Validate() const;
+};
+
+struct TrackSight {
+  CameraReference camera;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  double sigma_px = 1.0;
+};
+
+struct TriangulatedPoint {
+  Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
+  std::vector<bool> inliers;  // parallel to the sights
+  int inlier_count = 0;
+};
+
+// Tries the midpoints of several pairs, a far point, and `guess`; keeps the one that most sights
+// agree with, then minimises the reprojection error over (u, v, rho) at the first agreeing camera.
+// No value if fewer than two sights agree. `scene_depth` > 0: the unit of far_scene_depths.
+std::optional<TriangulatedPoint> TriangulateTrack(const TriangulationOptions& options,
+                                                  const std::vector<TrackSight>& sights,
+                                                  const std::optional<Eigen::Vector3d>& guess,
+                                                  double scene_depth);
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_REFINEMENT_TRIANGULATION_H_
