@@ -1,0 +1,275 @@
+#include "agent/filter/filter_state.h"
+
+#include <Eigen/Eigenvalues>
+#include <utility>
+
+#include "common/base/check.h"
+
+namespace portolan {
+
+FilterState::FilterState(std::unique_ptr<MotionModel> motion, int max_landmarks)
+    : motion_(std::move(motion)),
+      max_landmarks_(max_landmarks),
+      motion_dim_(motion_->error_dim()),
+      // Every landmark may have an anchor of its own, plus one that is being opened.
+      covariance_(Eigen::MatrixXd::Zero(motion_dim_ + 6 * max_landmarks + 3,
+                                        motion_dim_ + 6 * max_landmarks + 3)),
+      scratch_(covariance_) {
+  landmarks_.reserve(max_landmarks);
+  anchors_.reserve(max_landmarks + 1);
+  owners_.reserve(2 * max_landmarks + 1);
+}
+
+void FilterState::Start(Timestamp time, double scene_depth) {
+  landmarks_.clear();
+  anchors_.clear();
+  owners_.clear();
+  motion_->Start(time, scene_depth, &transition_);
+  noise_.setZero(motion_dim_, motion_dim_);
+  covariance() = transition_;
+}
+
+bool FilterState::Predict(Timestamp time, double scene_depth) {
+  if (!motion_->Predict(time, scene_depth, &transition_, &noise_)) return false;
+  const int rest = dim() - motion_dim_;
+  auto motion_block = covariance_.topLeftCorner(motion_dim_, motion_dim_);
+  const MotionModel::MotionMatrix propagated =
+      transition_ * motion_block * transition_.transpose() + noise_;
+  motion_block = 0.5 * (propagated + propagated.transpose());
+  auto cross = covariance_.block(motion_dim_, 0, rest, motion_dim_);
+  auto scratch = scratch_.topLeftCorner(rest, motion_dim_);
+  scratch.noalias() = cross * transition_.transpose();
+  cross = scratch;
+  covariance_.block(0, motion_dim_, motion_dim_, rest) = scratch.transpose();
+  return true;
+}
+
+void FilterState::InflateLastNoise(double factor) {
+  covariance_.topLeftCorner(motion_dim_, motion_dim_) += (factor - 1) * noise_;
+}
+
+void FilterState::Correct(const Eigen::Ref<const Eigen::VectorXd>& error) {
+  motion_->Correct(error.head(motion_dim_));
+  for (Landmark& landmark : landmarks_) landmark.Correct(error.segment<3>(Offset(landmark)));
+  for (Anchor& anchor : anchors_) {
+    if (anchor.users > 0 && anchor.block != kFixed) {
+      anchor.position_in_submap += error.segment<3>(BlockOffset(anchor.block));
+    }
+  }
+}
+
+int FilterState::Find(TrackId track) const {
+  for (size_t i = 0; i < landmarks_.size(); ++i) {
+    if (landmarks_[i].track == track) return static_cast<int>(i);
+  }
+  return -1;
+}
+
+Eigen::Vector3d FilterState::AnchorPosition(const Landmark& landmark) const {
+  return landmark.anchor < 0 ? Eigen::Vector3d(Eigen::Vector3d::Zero())
+                             : anchors_[landmark.anchor].position_in_submap;
+}
+
+int FilterState::AnchorOffset(const Landmark& landmark) const {
+  if (landmark.anchor < 0 || anchors_[landmark.anchor].block == kFixed) return kFixed;
+  return BlockOffset(anchors_[landmark.anchor].block);
+}
+
+Eigen::Matrix3d FilterState::PointCovariance(const Landmark& landmark) const {
+  const int offset = Offset(landmark);
+  const Eigen::Matrix3d own = covariance_.block<3, 3>(offset, offset);
+  if (landmark.euclidean) return own;
+  Eigen::Matrix3d d_point_d_ray;
+  PointOfRay(landmark, AnchorPosition(landmark), &d_point_d_ray);
+  Eigen::Matrix3d result = d_point_d_ray * own * d_point_d_ray.transpose();
+  const int anchor = AnchorOffset(landmark);
+  if (anchor != kFixed) {
+    const Eigen::Matrix3d cross = d_point_d_ray * covariance_.block<3, 3>(offset, anchor);
+    result += cross + cross.transpose() + covariance_.block<3, 3>(anchor, anchor);
+  }
+  return result;
+}
+
+int FilterState::AppendBlock(Owner owner) {
+  PORTOLAN_CHECK(dim() + 3 <= max_dim());
+  owners_.push_back(owner);
+  return static_cast<int>(owners_.size()) - 1;
+}
+
+void FilterState::RemoveBlock(int block) {
+  const int last = static_cast<int>(owners_.size()) - 1;
+  if (block != last) {
+    const int to = BlockOffset(block), from = BlockOffset(last), n = dim();
+    covariance_.block(0, to, n, 3) = covariance_.block(0, from, n, 3);
+    covariance_.block(to, 0, 3, n) = covariance_.block(from, 0, 3, n);
+    covariance_.block<3, 3>(to, to) = covariance_.block<3, 3>(from, from);
+    owners_[block] = owners_[last];
+    const Owner& moved = owners_[block];
+    (moved.is_anchor ? anchors_[moved.index].block : landmarks_[moved.index].block) = block;
+  }
+  owners_.pop_back();
+}
+
+void FilterState::MirrorRows(int offset) {
+  covariance_.block(0, offset, offset, 3) = covariance_.block(offset, 0, 3, offset).transpose();
+}
+
+bool FilterState::PoseIsExact() const {
+  return covariance_.diagonal().head<MotionModel::kPoseDim>().maxCoeff() <= 0;
+}
+
+int FilterState::AddAnchor() {
+  int index = 0;
+  while (index < static_cast<int>(anchors_.size()) && anchors_[index].users > 0) ++index;
+  if (index == static_cast<int>(anchors_.size())) anchors_.emplace_back();
+  Anchor& anchor = anchors_[index];
+  anchor = Anchor{motion_->submap_from_camera().translation, kFixed, 0};
+  if (PoseIsExact()) return index;
+
+  const int n = dim();
+  anchor.block = AppendBlock({true, index});
+  const Eigen::Matrix<double, 3, 6> d_anchor_d_pose = motion_->DCameraDPose().topRows<3>();
+  covariance_.block(n, 0, 3, n).noalias() = d_anchor_d_pose * covariance_.topRows<6>().leftCols(n);
+  covariance_.block<3, 3>(n, n) = covariance_.block<3, 6>(n, 0) * d_anchor_d_pose.transpose();
+  MirrorRows(n);
+  return index;
+}
+
+void FilterState::AddRay(const NewRay& ray, int anchor, double pixel_variance,
+                         double inverse_depth_variance) {
+  const int n = dim();
+  Landmark landmark = ray.landmark;
+  landmark.anchor = anchor;
+  landmark.block = AppendBlock({false, static_cast<int>(landmarks_.size())});
+  landmarks_.push_back(landmark);
+  ++anchors_[anchor].users;
+
+  const Eigen::Matrix<double, 2, 6> d_ray_d_pose =
+      ray.d_ray_d_orientation * motion_->DCameraDPose().bottomRows<3>();
+  auto rows = covariance_.block(n, 0, 3, n + 3);
+  rows.setZero();
+  rows.topLeftCorner(2, n).noalias() = d_ray_d_pose * covariance_.topRows<6>().leftCols(n);
+  rows.block<2, 2>(0, n) = rows.topLeftCorner<2, 6>() * d_ray_d_pose.transpose() +
+                           pixel_variance * ray.d_ray_d_pixel * ray.d_ray_d_pixel.transpose();
+  rows(2, n + 2) = inverse_depth_variance;
+  MirrorRows(n);
+}
+
+void FilterState::ReleaseUnusedAnchor(int anchor) {
+  if (anchors_[anchor].users > 0) return;
+  if (anchors_[anchor].block != kFixed) RemoveBlock(anchors_[anchor].block);
+  anchors_[anchor].block = kFixed;
+}
+
+void FilterState::RemoveLandmark(int index) {
+  const int anchor = landmarks_[index].anchor;
+  RemoveBlock(landmarks_[index].block);
+  const int last = static_cast<int>(landmarks_.size()) - 1;
+  if (index != last) {
+    landmarks_[index] = landmarks_[last];
+    owners_[landmarks_[index].block].index = index;
+  }
+  landmarks_.pop_back();
+  if (anchor >= 0) {
+    --anchors_[anchor].users;
+    ReleaseUnusedAnchor(anchor);
+  }
+}
+
+void FilterState::ConvertToEuclidean(int index) {
+  Landmark& landmark = landmarks_[index];
+  const int offset = Offset(landmark), n = dim();
+  const int anchor_offset = AnchorOffset(landmark);
+  Eigen::Matrix3d d_point_d_ray;
+  landmark.point_in_submap = PointOfRay(landmark, AnchorPosition(landmark), &d_point_d_ray);
+
+  auto rows = scratch_.topLeftCorner(3, n);
+  rows.noalias() = d_point_d_ray * covariance_.block(offset, 0, 3, n);
+  if (anchor_offset != kFixed) rows += covariance_.block(anchor_offset, 0, 3, n);
+  Eigen::Matrix3d own = rows.block<3, 3>(0, offset) * d_point_d_ray.transpose();
+  if (anchor_offset != kFixed) own += rows.block<3, 3>(0, anchor_offset);
+  covariance_.block(offset, 0, 3, n) = rows;
+  covariance_.block(0, offset, n, 3) = rows.transpose();
+  covariance_.block<3, 3>(offset, offset) = 0.5 * (own + own.transpose());
+
+  landmark.euclidean = true;
+  const int anchor = std::exchange(landmark.anchor, -1);
+  if (anchor >= 0) {
+    --anchors_[anchor].users;
+    ReleaseUnusedAnchor(anchor);
+  }
+}
+
+Rigid3 FilterState::Rebase() {
+  // New error = J * old error with three column groups a landmark; first T = J P by rows, then
+  // P' = T J' by columns, in the scratch matrix.
+  const Rigid3 submap_from_camera = motion_->submap_from_camera();
+  const Matrix6d d_camera_d_pose = motion_->DCameraDPose();
+  const int n = dim(), count = static_cast<int>(landmarks_.size());
+  const int new_dim = motion_dim_ + 3 * count;
+  struct Part {
+    int offset, anchor_offset;
+    Eigen::Matrix<double, 3, 6> d_pose;
+    Eigen::Matrix3d d_landmark, d_anchor;
+  };
+  std::vector<Part> parts;
+  parts.reserve(count);
+  for (Landmark& landmark : landmarks_) {
+    const int block = static_cast<int>(parts.size());
+    RebasedLandmark rebased =
+        RebaseLandmark(landmark, AnchorPosition(landmark), submap_from_camera);
+    parts.push_back({Offset(landmark), AnchorOffset(landmark),
+                     rebased.d_landmark_d_camera * d_camera_d_pose, rebased.d_landmark_d_landmark,
+                     rebased.d_landmark_d_anchor});
+    landmark = rebased.landmark;
+    landmark.block = block;
+  }
+  MotionModel::MotionMatrix d_motion;
+  const Rigid3 old_from_new = motion_->Rebase(&d_motion);
+
+  auto half = scratch_.topLeftCorner(new_dim, n);
+  half.topRows(motion_dim_).noalias() = d_motion * covariance_.topRows(motion_dim_).leftCols(n);
+  for (int i = 0; i < count; ++i) {
+    const Part& part = parts[i];
+    auto rows = half.middleRows<3>(motion_dim_ + 3 * i);
+    rows.noalias() = part.d_pose * covariance_.topRows<6>().leftCols(n);
+    rows.noalias() += part.d_landmark * covariance_.middleRows<3>(part.offset).leftCols(n);
+    if (part.anchor_offset != kFixed) {
+      rows.noalias() += part.d_anchor * covariance_.middleRows<3>(part.anchor_offset).leftCols(n);
+    }
+  }
+  auto result = covariance_.topLeftCorner(new_dim, new_dim);
+  result.leftCols(motion_dim_).noalias() = half.leftCols(motion_dim_) * d_motion.transpose();
+  for (int i = 0; i < count; ++i) {
+    const Part& part = parts[i];
+    auto columns = result.middleCols<3>(motion_dim_ + 3 * i);
+    columns.noalias() = half.leftCols<6>() * part.d_pose.transpose();
+    columns.noalias() += half.middleCols<3>(part.offset) * part.d_landmark.transpose();
+    if (part.anchor_offset != kFixed) {
+      columns.noalias() += half.middleCols<3>(part.anchor_offset) * part.d_anchor.transpose();
+    }
+  }
+  result = (0.5 * (result + result.transpose())).eval();
+
+  owners_.clear();
+  for (int i = 0; i < count; ++i) owners_.push_back({false, i});
+  // Every ray now starts in the origin, which anchor 0 stands for.
+  anchors_.assign(1, Anchor{Eigen::Vector3d::Zero(), kFixed, 0});
+  for (Landmark& landmark : landmarks_) {
+    if (landmark.euclidean) continue;
+    landmark.anchor = 0;
+    ++anchors_[0].users;
+  }
+  return old_from_new;
+}
+
+bool FilterState::IsCovarianceValid() const {
+  const Eigen::MatrixXd p = covariance();
+  if (!p.allFinite()) return false;
+  const double scale = p.cwiseAbs().maxCoeff();
+  if ((p - p.transpose()).cwiseAbs().maxCoeff() > 1e-12 * scale) return false;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(p, Eigen::EigenvaluesOnly);
+  return solver.eigenvalues().minCoeff() > -1e-9 * scale;
+}
+
+}  // namespace portolan

@@ -1,0 +1,101 @@
+// The joint state of camera motion and landmarks with its covariance.
+#ifndef PORTOLAN_AGENT_FILTER_FILTER_STATE_H_
+#define PORTOLAN_AGENT_FILTER_FILTER_STATE_H_
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "agent/filter/landmark.h"
+#include "agent/filter/motion_model.h"
+
+namespace portolan {
+
+// A camera position from which landmarks were first seen. Landmarks of one frame share it.
+struct Anchor {
+  Eigen::Vector3d position_in_submap = Eigen::Vector3d::Zero();
+  // Its block of the error state, or kFixed if the position is exactly known (submap origin).
+  int block = -1;
+  // Rays that use it; 0 means that the entry is free.
+  int users = 0;
+};
+
+// Error state: the motion model's error, then blocks of three, one a landmark and one an anchor
+// whose position is uncertain, in no particular order: a removed block is replaced by the last
+// one. The covariance is stored whole and symmetric in a matrix of the largest size, allocated
+// once. Thread-compatible.
+class FilterState {
+ public:
+  static constexpr int kFixed = -1;
+
+  FilterState(std::unique_ptr<MotionModel> motion, int max_landmarks);
+
+  // Drops all landmarks; pose identity and exactly known.
+  void Start(Timestamp time, double scene_depth);
+  // Propagates the motion; false if time does not advance.
+  bool Predict(Timestamp time, double scene_depth);
+  // Adds extra process noise: (factor - 1) times that of the last Predict.
+  void InflateLastNoise(double factor);
+  // Adds an error to every part of the state.
+  void Correct(const Eigen::Ref<const Eigen::VectorXd>& error);
+
+  // Opens an anchor at the camera's position; rays are added to it by AddRay. An anchor that no
+  // ray uses is dropped by the caller with ReleaseUnusedAnchor.
+  int AddAnchor();
+  void AddRay(const NewRay& ray, int anchor, double pixel_variance, double inverse_depth_variance);
+  void ReleaseUnusedAnchor(int anchor);
+  void RemoveLandmark(int index);
+  // Turns a ray into a point.
+  void ConvertToEuclidean(int index);
+  // The camera becomes the submap frame; no anchors remain. Returns old_from_new.
+  Rigid3 Rebase();
+
+  const MotionModel& motion() const { return *motion_; }
+  MotionModel& motion() { return *motion_; }
+  const std::vector<Landmark>& landmarks() const { return landmarks_; }
+  bool full() const { return static_cast<int>(landmarks_.size()) >= max_landmarks_; }
+  // Index of the track in landmarks(), or -1.
+  int Find(TrackId track) const;
+  // Position of the landmark's anchor; zero for a Euclidean one.
+  Eigen::Vector3d AnchorPosition(const Landmark& landmark) const;
+  // First row of the landmark's error, and of its anchor's (kFixed if it has no block).
+  int Offset(const Landmark& landmark) const { return BlockOffset(landmark.block); }
+  int AnchorOffset(const Landmark& landmark) const;
+  // Joint covariance of a landmark and its anchor as a point.
+  Eigen::Matrix3d PointCovariance(const Landmark& landmark) const;
+
+  int dim() const { return motion_dim_ + 3 * static_cast<int>(owners_.size()); }
+  int motion_dim() const { return motion_dim_; }
+  int max_dim() const { return static_cast<int>(covariance_.rows()); }
+  auto covariance() const { return covariance_.topLeftCorner(dim(), dim()); }
+  auto covariance() { return covariance_.topLeftCorner(dim(), dim()); }
+  // Symmetric and without a negative variance or eigenvalue beyond rounding. Slow; for checks.
+  bool IsCovarianceValid() const;
+
+ private:
+  struct Owner {
+    bool is_anchor = false;
+    int index = 0;
+  };
+
+  int BlockOffset(int block) const { return motion_dim_ + 3 * block; }
+  int AppendBlock(Owner owner);
+  void RemoveBlock(int block);
+  void MirrorRows(int offset);
+  bool PoseIsExact() const;
+
+  const std::unique_ptr<MotionModel> motion_;
+  const int max_landmarks_;
+  const int motion_dim_;
+  std::vector<Landmark> landmarks_;
+  std::vector<Anchor> anchors_;
+  std::vector<Owner> owners_;
+  Eigen::MatrixXd covariance_;
+  Eigen::MatrixXd scratch_;
+  MotionModel::MotionMatrix transition_;
+  MotionModel::MotionMatrix noise_;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_FILTER_FILTER_STATE_H_

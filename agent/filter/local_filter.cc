@@ -1,0 +1,300 @@
+#include "agent/filter/local_filter.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "common/base/check.h"
+
+namespace portolan {
+namespace {
+
+double NormalisedSquare(const Eigen::Vector2d& v, const Eigen::Matrix2d& covariance) {
+  return v.dot(covariance.inverse() * v);
+}
+
+// Innovation squared of one measurement in its own ellipse.
+double Innovation(const FilterState& state, const LinearMeasurement& linear) {
+  Eigen::Matrix2d s = PredictedCovariance(state, linear);
+  s.diagonal().array() += linear.variance;
+  return NormalisedSquare(linear.innovation, s);
+}
+
+}  // namespace
+
+StatusOr<std::unique_ptr<LocalFilter>> LocalFilter::Create(const FilterOptions& options,
+                                                           const CameraModel& camera,
+                                                           std::unique_ptr<MotionModel> motion) {
+  PORTOLAN_RETURN_IF_ERROR(options.Validate());
+  if (motion == nullptr) return absl::InvalidArgumentError("filter: no motion model");
+  return std::unique_ptr<LocalFilter>(new LocalFilter(options, camera, std::move(motion)));
+}
+
+LocalFilter::LocalFilter(const FilterOptions& options, const CameraModel& camera,
+                         std::unique_ptr<MotionModel> motion)
+    : options_(options),
+      camera_(camera),
+      state_(std::move(motion), options.max_landmarks),
+      kalman_(state_.max_dim(), options.max_landmarks),
+      selector_(MakeInlierSelector(options)),
+      median_inverse_depth_(options.first_inverse_depth) {
+  candidates_.reserve(options.max_landmarks);
+  matches_.reserve(options.max_landmarks);
+  linear_.reserve(options.max_landmarks);
+  inverse_depths_.reserve(options.max_landmarks);
+  Start(Timestamp{});
+}
+
+void LocalFilter::Start(Timestamp time) {
+  median_inverse_depth_ = options_.first_inverse_depth;
+  state_.Start(time, 1.0 / median_inverse_depth_);
+  window_.clear();
+  noise_is_fresh_ = false;
+}
+
+bool LocalFilter::Predict(Timestamp time) {
+  noise_is_fresh_ = state_.Predict(time, 1.0 / median_inverse_depth_);
+  return noise_is_fresh_;
+}
+
+std::vector<PredictedMeasurement> LocalFilter::PredictMeasurements() const {
+  std::vector<PredictedMeasurement> result;
+  result.reserve(state_.landmarks().size());
+  for (const Landmark& landmark : state_.landmarks()) {
+    const auto linear = Linearise(state_, landmark, camera_, Eigen::Vector2d::Zero(), 1.0);
+    if (!linear.has_value() || !camera_.IsInImage(-linear->innovation)) continue;
+    result.push_back({landmark.track, -linear->innovation,
+                      PredictedCovariance(state_, *linear) + Eigen::Matrix2d::Identity()});
+  }
+  return result;
+}
+
+UpdateResult LocalFilter::Update(std::span<const Measurement> measurements) {
+  UpdateResult result;
+  FindMatches(measurements, &result);
+  int gated = GateMatches();
+  if (noise_is_fresh_ && gated < options_.manoeuvre_gate_share * candidates_.size()) {
+    state_.InflateLastNoise(options_.manoeuvre_noise_factor);
+    result.manoeuvre = true;
+    gated = GateMatches();
+  }
+  noise_is_fresh_ = false;
+  const double sum = UpdateLowInnovation(gated, &result) + UpdateRescued(&result);
+  for (const Candidate& candidate : candidates_) {
+    (candidate.used ? result.inliers : result.outliers).push_back(candidate.track);
+  }
+  if (!result.inliers.empty()) result.normalised_innovation = sum / (2.0 * result.inliers.size());
+  MaintainLandmarks(&result);
+  UpdateMedianInverseDepth();
+  RecordStatistics(result);
+  PORTOLAN_DCHECK(state_.IsCovarianceValid());
+  return result;
+}
+
+void LocalFilter::FindMatches(std::span<const Measurement> measurements, UpdateResult* result) {
+  candidates_.clear();
+  for (const Measurement& measurement : measurements) {
+    const int index = state_.Find(measurement.track);
+    const bool duplicate =
+        std::any_of(candidates_.begin(), candidates_.end(),
+                    [&](const Candidate& c) { return c.track == measurement.track; });
+    const bool valid = index >= 0 && !duplicate && measurement.pixel.allFinite() &&
+                       std::isfinite(measurement.sigma_px) && measurement.sigma_px > 0;
+    if (!valid) {
+      if (!duplicate) result->outliers.push_back(measurement.track);
+      continue;
+    }
+    Candidate candidate;
+    candidate.track = measurement.track;
+    candidate.match = {index, measurement.pixel};
+    candidate.variance = measurement.sigma_px * measurement.sigma_px;
+    candidates_.push_back(candidate);
+  }
+}
+
+int LocalFilter::GateMatches() {
+  const auto inside = [&](Candidate& candidate) {
+    const auto linear = Linearise(state_, state_.landmarks()[candidate.match.landmark], camera_,
+                                  candidate.match.pixel, candidate.variance);
+    if (!linear.has_value()) return false;
+    candidate.linear = *linear;
+    return Innovation(state_, *linear) < options_.prior_gate_chi2;
+  };
+  return std::stable_partition(candidates_.begin(), candidates_.end(), inside) -
+         candidates_.begin();
+}
+
+double LocalFilter::UpdateLowInnovation(int gated, UpdateResult* result) {
+  if (gated == 0) return 0;
+  matches_.clear();
+  linear_.clear();
+  for (int i = 0; i < gated; ++i) {
+    matches_.push_back(candidates_[i].match);
+    linear_.push_back(candidates_[i].linear);
+  }
+  kalman_.ComputePHt(state_, linear_);
+  const InlierSet inliers = selector_->Select(
+      matches_, linear_, kalman_.pht(gated).topRows(state_.dim()), state_, camera_);
+  result->ransac_hypotheses = inliers.hypotheses;
+  linear_.clear();
+  for (int i : inliers.matches) linear_.push_back(candidates_[i].linear);
+  const auto sum = kalman_.Apply(linear_, &state_);
+  if (!sum.has_value()) return 0;
+  for (int i : inliers.matches) candidates_[i].used = true;
+  return *sum;
+}
+
+double LocalFilter::UpdateRescued(UpdateResult*) {
+  linear_.clear();
+  std::vector<Candidate*> rescued;
+  for (Candidate& candidate : candidates_) {
+    if (candidate.used) continue;
+    const auto linear = Linearise(state_, state_.landmarks()[candidate.match.landmark], camera_,
+                                  candidate.match.pixel, candidate.variance);
+    if (!linear.has_value() || Innovation(state_, *linear) > options_.rescue_chi2) continue;
+    linear_.push_back(*linear);
+    rescued.push_back(&candidate);
+  }
+  const auto sum = kalman_.Apply(linear_, &state_);
+  if (!sum.has_value()) return 0;
+  for (Candidate* candidate : rescued) candidate->used = true;
+  return *sum;
+}
+
+void LocalFilter::MaintainLandmarks(UpdateResult* result) {
+  const Eigen::Vector3d camera_position = submap_from_camera().translation;
+  for (int i = landmark_count() - 1; i >= 0; --i) {
+    const Landmark& landmark = state_.landmarks()[i];
+    if (landmark.euclidean) continue;
+    const int row = state_.Offset(landmark) + 2;
+    const double variance = state_.covariance()(row, row);
+    if (landmark.inverse_depth < -options_.negative_depth_sigmas * std::sqrt(variance)) {
+      result->dropped.push_back(landmark.track);
+      state_.RemoveLandmark(i);
+    } else if (LinearityIndex(landmark, state_.AnchorPosition(landmark), variance,
+                              camera_position) < options_.linearity_threshold) {
+      state_.ConvertToEuclidean(i);
+    }
+  }
+}
+
+void LocalFilter::UpdateMedianInverseDepth() {
+  const Rigid3 camera_pose = submap_from_camera();
+  inverse_depths_.clear();
+  for (const Landmark& landmark : state_.landmarks()) {
+    const Eigen::Vector3d direction =
+        DirectionInCamera(landmark, state_.AnchorPosition(landmark), camera_pose);
+    const auto pixel = camera_.Project(direction);
+    if (!pixel.has_value() || !camera_.IsInImage(*pixel)) continue;
+    inverse_depths_.push_back((landmark.euclidean ? 1.0 : landmark.inverse_depth) /
+                              direction.norm());
+  }
+  if (inverse_depths_.empty()) return;
+  const auto middle = inverse_depths_.begin() + inverse_depths_.size() / 2;
+  std::nth_element(inverse_depths_.begin(), middle, inverse_depths_.end());
+  // Below a thousandth of the last value the scene is at infinity and tells no scale.
+  if (*middle > 1e-3 * median_inverse_depth_) median_inverse_depth_ = *middle;
+}
+
+int LocalFilter::AddLandmarks(std::span<const Measurement> measurements) {
+  const double inverse_depth = median_inverse_depth_;
+  const double sigma = options_.inverse_depth_sigma_ratio * inverse_depth;
+  const Eigen::Quaterniond rotation = submap_from_camera().rotation;
+  int anchor = -1, added = 0;
+  for (const Measurement& measurement : measurements) {
+    if (state_.full()) break;
+    if (HasLandmark(measurement.track) || !measurement.pixel.allFinite()) continue;
+    const auto ray =
+        MakeRay(measurement.track, measurement.pixel, inverse_depth, rotation, camera_);
+    if (!ray.has_value()) continue;
+    if (anchor < 0) anchor = state_.AddAnchor();
+    state_.AddRay(*ray, anchor, measurement.sigma_px * measurement.sigma_px, sigma * sigma);
+    ++added;
+  }
+  return added;
+}
+
+void LocalFilter::RemoveLandmarks(std::span<const TrackId> tracks) {
+  for (TrackId track : tracks) {
+    const int index = state_.Find(track);
+    if (index >= 0) state_.RemoveLandmark(index);
+  }
+}
+
+Rigid3 LocalFilter::BeginSubmap() {
+  noise_is_fresh_ = false;
+  return state_.Rebase();
+}
+
+Matrix6d LocalFilter::pose_covariance() const {
+  // Camera error in the filter's convention, then the translation turned into the camera frame.
+  Matrix6d jacobian = state_.motion().DCameraDPose();
+  jacobian.topRows<3>() =
+      submap_from_camera().rotation.toRotationMatrix().transpose() * jacobian.topRows<3>();
+  return jacobian * state_.covariance().topLeftCorner<6, 6>() * jacobian.transpose();
+}
+
+std::vector<LandmarkEstimate> LocalFilter::Landmarks() const {
+  std::vector<LandmarkEstimate> result;
+  result.reserve(state_.landmarks().size());
+  const Eigen::Vector3d camera_position = submap_from_camera().translation;
+  for (const Landmark& landmark : state_.landmarks()) {
+    LandmarkEstimate estimate;
+    estimate.track = landmark.track;
+    estimate.euclidean = landmark.euclidean;
+    estimate.covariance = state_.PointCovariance(landmark);
+    if (landmark.euclidean) {
+      estimate.point_in_submap = landmark.point_in_submap;
+      const Eigen::Vector3d from_camera = landmark.point_in_submap - camera_position;
+      const double distance = std::max(from_camera.norm(), 1e-9);
+      const Eigen::Vector3d ray = from_camera / distance;
+      estimate.inverse_depth = 1.0 / distance;
+      estimate.inverse_depth_sigma =
+          std::sqrt(std::max(0.0, ray.dot(estimate.covariance * ray))) / (distance * distance);
+    } else {
+      const int row = state_.Offset(landmark) + 2;
+      estimate.point_in_submap = PointOfRay(landmark, state_.AnchorPosition(landmark));
+      estimate.inverse_depth = landmark.inverse_depth;
+      estimate.inverse_depth_sigma = std::sqrt(state_.covariance()(row, row));
+    }
+    result.push_back(estimate);
+  }
+  return result;
+}
+
+void LocalFilter::RecordStatistics(const UpdateResult& result) {
+  const int inliers = static_cast<int>(result.inliers.size());
+  window_.push_back(
+      {result.normalised_innovation, inliers, inliers + static_cast<int>(result.outliers.size())});
+  if (static_cast<int>(window_.size()) > options_.divergence_window_frames) window_.pop_front();
+}
+
+double LocalFilter::WindowNormalisedInnovation() const {
+  double sum = 0;
+  for (const FrameStatistics& frame : window_) sum += frame.normalised_innovation;
+  return window_.empty() ? 0 : sum / window_.size();
+}
+
+double LocalFilter::WindowInlierRatio() const {
+  int inliers = 0, matches = 0;
+  for (const FrameStatistics& frame : window_) {
+    inliers += frame.inliers;
+    matches += frame.matches;
+  }
+  return matches == 0 ? 0 : static_cast<double>(inliers) / matches;
+}
+
+bool LocalFilter::Diverged() const {
+  if (!state_.covariance().topLeftCorner(state_.motion_dim(), state_.motion_dim()).allFinite()) {
+    return true;
+  }
+  if (static_cast<int>(window_.size()) < options_.divergence_window_frames) return false;
+  const bool starved = std::all_of(window_.begin(), window_.end(), [&](const auto& frame) {
+    return frame.inliers < options_.divergence_min_inliers;
+  });
+  return starved || WindowNormalisedInnovation() > options_.divergence_max_normalised_innovation ||
+         WindowInlierRatio() < options_.divergence_min_inlier_ratio;
+}
+
+}  // namespace portolan

@@ -1,0 +1,123 @@
+// The agent's local filter: an error-state EKF over the camera's motion and a few dozen landmarks
+// in inverse depth, in the frame of the current submap.
+#ifndef PORTOLAN_AGENT_FILTER_LOCAL_FILTER_H_
+#define PORTOLAN_AGENT_FILTER_LOCAL_FILTER_H_
+
+#include <deque>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "agent/filter/filter_options.h"
+#include "agent/filter/filter_state.h"
+#include "agent/filter/inlier_selector.h"
+#include "agent/filter/kalman_update.h"
+#include "agent/filter/measurement.h"
+
+namespace portolan {
+
+// Civera, Davison, Montiel, "Inverse Depth Parametrization for Monocular SLAM", T-RO 2008, and
+// Civera et al., "1-Point RANSAC for EKF Filtering", JFR 2010; the derivation is in README.md.
+//
+// Protocol, a frame: Predict(time), PredictMeasurements() to search the image, Update(matches),
+// then RemoveLandmarks and AddLandmarks as the owner sees fit. Start() opens a submap that hangs on
+// nothing, BeginSubmap() one that continues. Thread-compatible; deterministic: equal calls give
+// equal states.
+class LocalFilter {
+ public:
+  // InvalidArgument if an option is out of range.
+  static StatusOr<std::unique_ptr<LocalFilter>> Create(const FilterOptions& options,
+                                                       const CameraModel& camera,
+                                                       std::unique_ptr<MotionModel> motion);
+
+  // A new unconnected submap: no landmarks, pose identity and exactly known.
+  void Start(Timestamp time);
+  // Propagates to the time of a frame. Does nothing, and returns false, if time does not advance.
+  bool Predict(Timestamp time);
+  // All landmarks that project into the image, in the order of the state.
+  std::vector<PredictedMeasurement> PredictMeasurements() const;
+  // Measurements of unknown tracks, or that are not finite, count as outliers.
+  UpdateResult Update(std::span<const Measurement> measurements);
+  // New landmarks at the current pose, at most until the state is full. Tracks that are in the
+  // state already are passed over. Returns how many were added.
+  int AddLandmarks(std::span<const Measurement> measurements);
+  void RemoveLandmarks(std::span<const TrackId> tracks);
+  // The current camera becomes the frame of a new submap; motion and all landmarks are carried
+  // over with their joint covariance (conditionally independent submaps, Pinies & Tardos, T-RO
+  // 2008). Returns old_submap_from_new_submap.
+  Rigid3 BeginSubmap();
+
+  Rigid3 submap_from_camera() const { return state_.motion().submap_from_camera(); }
+  // Of the right perturbation [translation; rotation] of submap_from_camera (Rigid3's).
+  Matrix6d pose_covariance() const;
+  // In the submap frame, submap units per second.
+  Eigen::Vector3d linear_velocity() const { return state_.motion().linear_velocity(); }
+  Eigen::Vector3d angular_velocity_rad_s() const {
+    return state_.motion().angular_velocity_rad_s();
+  }
+  std::vector<LandmarkEstimate> Landmarks() const;
+  int landmark_count() const { return static_cast<int>(state_.landmarks().size()); }
+  bool HasLandmark(TrackId track) const { return state_.Find(track) >= 0; }
+  // Median over the landmarks in view of 1 / distance to the current camera, the scale of the
+  // scene. If none is in view, or most are at infinity, the last good value.
+  double median_inverse_depth() const { return median_inverse_depth_; }
+  Timestamp time() const { return state_.motion().time(); }
+
+  // True if the last divergence_window_frames updates show that the estimate is not to be trusted
+  // (FilterOptions states the limits). The owner closes the submap and calls Start.
+  bool Diverged() const;
+  // Mean normalised innovation and share of inliers over that window.
+  double WindowNormalisedInnovation() const;
+  double WindowInlierRatio() const;
+
+  const FilterState& state() const { return state_; }
+  MotionModel& motion() { return state_.motion(); }
+  const CameraModel& camera() const { return camera_; }
+
+ private:
+  struct FrameStatistics {
+    double normalised_innovation = 0;
+    int inliers = 0;
+    int matches = 0;
+  };
+
+  LocalFilter(const FilterOptions& options, const CameraModel& camera,
+              std::unique_ptr<MotionModel> motion);
+
+  // Sorts the measurements into matches_ (known, projecting) and outliers.
+  void FindMatches(std::span<const Measurement> measurements, UpdateResult* result);
+  // Moves the matches inside the prior gate to the front; returns their number.
+  int GateMatches();
+  // Updates with the low-innovation inliers; marks them in used_. Returns v' S^-1 v.
+  double UpdateLowInnovation(int gated, UpdateResult* result);
+  double UpdateRescued(UpdateResult* result);
+  // Drops impossible depths and converts the rays whose depth has become linear.
+  void MaintainLandmarks(UpdateResult* result);
+  void UpdateMedianInverseDepth();
+  void RecordStatistics(const UpdateResult& result);
+
+  struct Candidate {
+    TrackId track;
+    Match match;
+    double variance = 1;
+    LinearMeasurement linear;
+    bool used = false;
+  };
+
+  const FilterOptions options_;
+  const CameraModel camera_;
+  FilterState state_;
+  KalmanUpdate kalman_;
+  std::unique_ptr<InlierSelector> selector_;
+  std::vector<Candidate> candidates_;
+  std::vector<Match> matches_;
+  std::vector<LinearMeasurement> linear_;
+  std::vector<double> inverse_depths_;
+  std::deque<FrameStatistics> window_;
+  double median_inverse_depth_;
+  bool noise_is_fresh_ = false;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_FILTER_LOCAL_FILTER_H_

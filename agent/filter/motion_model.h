@@ -1,0 +1,85 @@
+// The replaceable part of the local filter that knows how the camera moves.
+#ifndef PORTOLAN_AGENT_FILTER_MOTION_MODEL_H_
+#define PORTOLAN_AGENT_FILTER_MOTION_MODEL_H_
+
+#include <Eigen/Core>
+#include <optional>
+
+#include "common/base/time.h"
+#include "common/geometry/rigid3.h"
+
+namespace portolan {
+
+struct ImuSample {
+  Timestamp time{};
+  Eigen::Vector3d gyro_rad_s = Eigen::Vector3d::Zero();
+  Eigen::Vector3d accel_m_s2 = Eigen::Vector3d::Zero();
+};
+
+// Holds the nominal motion state (pose, velocities, biases, ...) and propagates it. The filter
+// owns the covariance. The error state of every model starts with the six pose components
+//   [position error in the submap frame; orientation error], submap_from_body (+) e:
+//   position + e.head<3>(), rotation * Exp(e.tail<3>())                       (right perturbation)
+// and goes on with what the model needs. The body is the IMU's or the vehicle's frame; without one
+// it is the camera. Owned by one LocalFilter; thread-compatible.
+class MotionModel {
+ public:
+  static constexpr int kPoseDim = 6;
+  static constexpr int kMaxDim = 32;
+  // Matrices of motion errors; no heap, since at most kMaxDim square.
+  using MotionMatrix =
+      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMaxDim, kMaxDim>;
+
+  explicit MotionModel(const Rigid3& body_from_camera);
+  virtual ~MotionModel() = default;
+
+  virtual int error_dim() const = 0;
+  // New unconnected submap whose frame is the camera at this instant: pose exactly known. Fills
+  // the initial covariance. scene_depth: see Predict.
+  virtual void Start(Timestamp time, double scene_depth, MotionMatrix* covariance) = 0;
+  // Propagates the state to `time`; fills the transition F and the noise Q of the error:
+  // e' = F e + w, w ~ N(0, Q). scene_depth is the median distance of the landmarks, the unit of
+  // motion of a model without a metric sensor. False if time does not advance; state unchanged.
+  virtual bool Predict(Timestamp time, double scene_depth, MotionMatrix* transition,
+                       MotionMatrix* noise) = 0;
+  // Adds an error to everything but the pose.
+  virtual void CorrectRest(const Eigen::Ref<const Eigen::VectorXd>& error) = 0;
+  // Turns everything but the pose into the frame of the current camera. Fills the rows of the
+  // Jacobian of the new error by the old below the pose (the pose's rows are zero).
+  virtual void RebaseRest(MotionMatrix* d_new_d_old) = 0;
+
+  // In the submap frame, units per second.
+  virtual Eigen::Vector3d linear_velocity() const = 0;
+  // In the camera frame.
+  virtual Eigen::Vector3d angular_velocity_rad_s() const = 0;
+  // Lengths are metres.
+  virtual bool metric() const { return false; }
+  // Unit vector downwards in the submap frame.
+  virtual std::optional<Eigen::Vector3d> gravity_in_submap() const { return std::nullopt; }
+
+  Timestamp time() const { return time_; }
+  const Rigid3& submap_from_body() const { return submap_from_body_; }
+  const Rigid3& body_from_camera() const { return body_from_camera_; }
+  Rigid3 submap_from_camera() const { return submap_from_body_ * body_from_camera_; }
+  // submap_from_camera if the pose error were added; the state is unchanged.
+  Rigid3 CorrectedCamera(const Vector6d& pose_error) const;
+  // Error of submap_from_camera, in the same convention, by the pose error.
+  Matrix6d DCameraDPose() const;
+
+  void Correct(const Eigen::Ref<const Eigen::VectorXd>& error);
+  // The current camera becomes the submap frame. Returns old_submap_from_new_submap.
+  Rigid3 Rebase(MotionMatrix* d_new_d_old);
+
+ protected:
+  void ResetPose(Timestamp time);
+  void SetPose(Timestamp time, const Rigid3& submap_from_body);
+
+ private:
+  Timestamp time_{};
+  Rigid3 submap_from_body_;
+  const Rigid3 body_from_camera_;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_FILTER_MOTION_MODEL_H_
