@@ -4,6 +4,8 @@
 #include <string>
 #include <utility>
 
+#include "common/base/check.h"
+
 namespace portolan {
 namespace {
 
@@ -21,6 +23,13 @@ std::vector<Measurement> MeasurementsOf(const std::vector<TrackedPoint>& points,
 
 bool Contains(const std::vector<TrackId>& sorted, TrackId track) {
   return std::binary_search(sorted.begin(), sorted.end(), track);
+}
+
+bool IsLive(const std::vector<TrackedPoint>& points, TrackId track) {
+  const auto it = std::lower_bound(
+      points.begin(), points.end(), track,
+      [](const TrackedPoint& point, TrackId wanted) { return point.track < wanted; });
+  return it != points.end() && it->track == track;
 }
 
 }  // namespace
@@ -89,10 +98,10 @@ Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray) const {
     return absl::InvalidArgumentError("the image is not 8-bit grey");
   }
   if (gray.cols != camera_.width_px() || gray.rows != camera_.height_px()) {
-    return absl::InvalidArgumentError(
-        "the image is " + std::to_string(gray.cols) + "x" + std::to_string(gray.rows) +
-        " px, the calibration is for " + std::to_string(camera_.width_px()) + "x" +
-        std::to_string(camera_.height_px()) + " px");
+    return absl::InvalidArgumentError("the image is " + std::to_string(gray.cols) + "x" +
+                                      std::to_string(gray.rows) + " px, the calibration is for " +
+                                      std::to_string(camera_.width_px()) + "x" +
+                                      std::to_string(camera_.height_px()) + " px");
   }
   if (last_time_ && time <= *last_time_) {
     return absl::InvalidArgumentError("time " + std::to_string(ToSeconds(time)) +
@@ -106,7 +115,7 @@ void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
   filter_->Start(time);
   landmarks_.Reset();
   health_.Reset();
-  tracker_->Track(gray, {}, Eigen::Quaterniond::Identity());
+  PORTOLAN_CHECK(tracker_->Track(gray, {}, Eigen::Quaterniond::Identity()).ok());
   tracker_->Detect();
   measured_ = 0;
   Replenish(true);
@@ -127,11 +136,14 @@ void Agent::TrackPoints(Timestamp time, const cv::Mat& gray) {
   for (const auto& prediction : predicted_) {
     predictions.push_back({prediction.track, prediction.pixel});
   }
-  tracker_->Track(gray, predictions,
-                  before.rotation.conjugate() * filter_->submap_from_camera().rotation);
+  // CheckFrame has seen to what Track refuses.
+  PORTOLAN_CHECK(tracker_
+                     ->Track(gray, predictions,
+                             before.rotation.conjugate() * filter_->submap_from_camera().rotation)
+                     .ok());
   std::vector<SearchRegion> lost;
   for (const auto& prediction : predicted_) {
-    if (!tracker_->IsTracked(prediction.track)) {
+    if (!IsLive(tracker_->points(), prediction.track)) {
       lost.push_back({prediction.track, prediction.pixel, prediction.innovation_covariance});
     }
   }
@@ -139,10 +151,8 @@ void Agent::TrackPoints(Timestamp time, const cv::Mat& gray) {
 }
 
 int Agent::UpdateFilter() {
-  const UpdateResult update =
-      filter_->Update(MeasurementsOf(tracker_->points(), [this](TrackId track) {
-        return landmarks_.IsLandmark(track);
-      }));
+  const UpdateResult update = filter_->Update(MeasurementsOf(
+      tracker_->points(), [this](TrackId track) { return landmarks_.IsLandmark(track); }));
   Remove(landmarks_.Report(predicted_, update));
   measured_ = static_cast<int>(update.inliers.size());
   return measured_;

@@ -3,10 +3,9 @@
 #define PORTOLAN_AGENT_AGENT_H_
 
 #include <memory>
+#include <opencv2/core/mat.hpp>
 #include <optional>
 #include <vector>
-
-#include <opencv2/core/mat.hpp>
 
 #include "agent/filter/local_filter.h"
 #include "agent/landmarks/landmark_manager.h"

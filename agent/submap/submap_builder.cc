@@ -42,8 +42,7 @@ void SubmapBuilder::AddFrame(Timestamp time, const Rigid3& submap_from_camera) {
 }
 
 void SubmapBuilder::AddKeyframe(Timestamp time, const Rigid3& submap_from_camera,
-                                const Matrix6d& covariance,
-                                const std::vector<TrackedPoint>& points,
+                                const Matrix6d& covariance, const std::vector<TrackedPoint>& points,
                                 std::vector<Feature> features) {
   if (!submap_.keyframes.empty()) {
     const Rigid3 step = submap_.keyframes.back().submap_from_camera.Inverse() * submap_from_camera;
@@ -90,9 +89,8 @@ Submap SubmapBuilder::Close(const std::vector<LandmarkEstimate>& landmarks) {
       submap_.landmarks.push_back({landmark.track, landmark.point_in_submap, landmark.covariance});
     }
   }
-  std::sort(
-      submap_.landmarks.begin(), submap_.landmarks.end(),
-      [](const SubmapLandmark& a, const SubmapLandmark& b) { return a.track < b.track; });
+  std::sort(submap_.landmarks.begin(), submap_.landmarks.end(),
+            [](const SubmapLandmark& a, const SubmapLandmark& b) { return a.track < b.track; });
   return std::exchange(submap_, Submap());
 }
 
