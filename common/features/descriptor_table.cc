@@ -1,5 +1,7 @@
 #include "common/features/descriptor_table.h"
 
+#include "common/base/check.h"
+
 namespace portolan {
 namespace {
 
@@ -7,47 +9,77 @@ struct Words {
   const uint64_t* column[4];
 };
 
-using DistanceLoop = void (*)(const Words&, const Descriptor&, size_t, uint32_t*);
+constexpr int kIndexBits = 22;
 
-// The same loop, compiled once per instruction set. A plain pointer chosen at start, rather than
-// an ifunc, because sanitizers do not survive ifuncs.
-#define PORTOLAN_DISTANCE_LOOP_BODY                                                            \
-  for (size_t i = 0; i < count; ++i) {                                                         \
-    out[i] = static_cast<uint32_t>(__builtin_popcountll(words.column[0][i] ^ query.words[0]) + \
-                                   __builtin_popcountll(words.column[1][i] ^ query.words[1]) + \
-                                   __builtin_popcountll(words.column[2][i] ^ query.words[2]) + \
-                                   __builtin_popcountll(words.column[3][i] ^ query.words[3])); \
+inline __attribute__((always_inline)) uint32_t DistanceAt(const Words& words,
+                                                          const Descriptor& query, size_t i) {
+  return static_cast<uint32_t>(__builtin_popcountll(words.column[0][i] ^ query.words[0]) +
+                               __builtin_popcountll(words.column[1][i] ^ query.words[1]) +
+                               __builtin_popcountll(words.column[2][i] ^ query.words[2]) +
+                               __builtin_popcountll(words.column[3][i] ^ query.words[3]));
+}
+
+inline __attribute__((always_inline)) void FillDistances(const Words& words,
+                                                         const Descriptor& query, size_t count,
+                                                         uint32_t* out) {
+  for (size_t i = 0; i < count; ++i) out[i] = DistanceAt(words, query, i);
+}
+
+// Distance and index in one integer, so that the search is a plain minimum.
+inline __attribute__((always_inline)) uint32_t FindNearest(const Words& words,
+                                                           const Descriptor& query,
+                                                           uint32_t count) {
+  uint32_t nearest = 257u << kIndexBits;
+  for (uint32_t i = 0; i < count; ++i) {
+    const uint32_t candidate = (DistanceAt(words, query, i) << kIndexBits) | i;
+    nearest = candidate < nearest ? candidate : nearest;
+  }
+  return nearest;
+}
+
+// The loops, compiled once per instruction set. Plain pointers chosen at start, rather than
+// ifuncs, because sanitizers do not survive ifuncs.
+struct Kernels {
+  void (*fill)(const Words&, const Descriptor&, size_t, uint32_t*);
+  uint32_t (*nearest)(const Words&, const Descriptor&, uint32_t);
+};
+
+#define PORTOLAN_KERNELS(suffix, ...)                                                      \
+  __VA_ARGS__ void Fill##suffix(const Words& words, const Descriptor& query, size_t count, \
+                                uint32_t* out) {                                           \
+    FillDistances(words, query, count, out);                                               \
+  }                                                                                        \
+  __VA_ARGS__ uint32_t Nearest##suffix(const Words& words, const Descriptor& query,        \
+                                       uint32_t count) {                                   \
+    return FindNearest(words, query, count);                                               \
   }
 
-void DistancesPortable(const Words& words, const Descriptor& query, size_t count, uint32_t* out) {
-  PORTOLAN_DISTANCE_LOOP_BODY
-}
+PORTOLAN_KERNELS(Portable)
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-__attribute__((target("popcnt"), optimize("O3"))) void DistancesPopcnt(const Words& words,
-                                                                       const Descriptor& query,
-                                                                       size_t count,
-                                                                       uint32_t* out) {
-  PORTOLAN_DISTANCE_LOOP_BODY
-}
+PORTOLAN_KERNELS(Popcnt, __attribute__((target("popcnt"), optimize("O3"))))
+PORTOLAN_KERNELS(Avx512,
+                 __attribute__((target("avx512f,avx512vl,avx512vpopcntdq,prefer-vector-width=512"),
+                                optimize("O3"))))
 
-__attribute__((target("avx512f,avx512vl,avx512vpopcntdq,prefer-vector-width=512"),
-               optimize("O3"))) void
-DistancesAvx512(const Words& words, const Descriptor& query, size_t count,
-                uint32_t* out){PORTOLAN_DISTANCE_LOOP_BODY}
-
-DistanceLoop ChooseLoop() {
+Kernels ChooseKernels() {
   __builtin_cpu_init();
   if (__builtin_cpu_supports("avx512vpopcntdq") && __builtin_cpu_supports("avx512vl")) {
-    return DistancesAvx512;
+    return {FillAvx512, NearestAvx512};
   }
-  return __builtin_cpu_supports("popcnt") ? DistancesPopcnt : DistancesPortable;
+  if (__builtin_cpu_supports("popcnt")) return {FillPopcnt, NearestPopcnt};
+  return {FillPortable, NearestPortable};
 }
 #else
-DistanceLoop ChooseLoop() { return DistancesPortable; }
+Kernels ChooseKernels() { return {FillPortable, NearestPortable}; }
 #endif
 
-#undef PORTOLAN_DISTANCE_LOOP_BODY
+#undef PORTOLAN_KERNELS
+
+const Kernels& ChosenKernels() {
+  static const Kernels kKernels = ChooseKernels();
+  return kKernels;
+}
 
 }  // namespace
 
@@ -65,10 +97,16 @@ Descriptor DescriptorTable::operator[](size_t index) const {
 
 void DescriptorTable::Distances(const Descriptor& query,
                                 std::vector<uint32_t>* distances_bits) const {
-  static const DistanceLoop kLoop = ChooseLoop();
   distances_bits->resize(size());
   const Words words = {{words_[0].data(), words_[1].data(), words_[2].data(), words_[3].data()}};
-  kLoop(words, query, size(), distances_bits->data());
+  ChosenKernels().fill(words, query, size(), distances_bits->data());
+}
+
+DescriptorTable::Neighbour DescriptorTable::Nearest(const Descriptor& query) const {
+  PORTOLAN_CHECK(size() <= (size_t{1} << kIndexBits));
+  const Words words = {{words_[0].data(), words_[1].data(), words_[2].data(), words_[3].data()}};
+  const uint32_t nearest = ChosenKernels().nearest(words, query, static_cast<uint32_t>(size()));
+  return {nearest >> kIndexBits, nearest & ((1u << kIndexBits) - 1)};
 }
 
 }  // namespace portolan

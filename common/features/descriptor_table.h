@@ -24,6 +24,14 @@ class DescriptorTable {
   // Writes size() distances, 0..256 bits, in order.
   void Distances(const Descriptor& query, std::vector<uint32_t>* distances_bits) const;
 
+  struct Neighbour {
+    uint32_t distance_bits = 257;  // further than any
+    uint32_t index = 0;
+  };
+  // The nearest one, of equals the first; distance 257 if the table is empty. At most 2^22
+  // descriptors.
+  Neighbour Nearest(const Descriptor& query) const;
+
  private:
   std::array<std::vector<uint64_t>, 4> words_;
 };

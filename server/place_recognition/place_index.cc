@@ -1,7 +1,10 @@
 #include "server/place_recognition/place_index.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -58,37 +61,77 @@ std::vector<uint32_t> WordsOf(const Place& place, const LocalityWords& locality_
   return words;
 }
 
-// How well `query` is found in `place`: every group of the query supports the group of its nearest
-// descriptor with 1 - distance / (max_distance_bits + 1); of several supporters of one group the
-// best counts.
-double Similarity(const Place& query, const Place& place, size_t max_compared,
-                  uint32_t max_distance_bits, std::vector<uint32_t>* distances) {
-  constexpr uint32_t kFar = 257;
-  struct Nearest {
-    uint32_t distance = kFar;
-    uint32_t group = 0;
-  };
-  std::vector<Nearest> nearest(query.group_count);
-  const size_t size = query.descriptors.size();
-  const size_t count = std::min(size, max_compared);
-  for (size_t i = 0; i < count; ++i) {
-    const size_t q = i * size / count;
-    place.descriptors.Distances(query.descriptors[q], distances);
-    const auto best = std::min_element(distances->begin(), distances->end());
-    Nearest& entry = nearest[query.groups[q]];
-    if (best != distances->end() && *best < entry.distance) {
-      entry = {*best, place.groups[best - distances->begin()]};
+// The nearest descriptor of one place to one feature of the query.
+struct Support {
+  double weight = 0;
+  uint32_t group = 0;  // of the place
+};
+
+// Similarity of a query to each of a few places. A feature's support for a place falls off with
+// the distance of its nearest neighbour there, relative to its mean support for all the places: a
+// feature that looks like something everywhere says nothing. Of the features of one group, and of
+// the supporters of one group of the place, the best counts.
+class SimilarityScorer {
+ public:
+  SimilarityScorer(const PlaceIndexOptions& options, const Place& query)
+      : options_(options), query_(query) {
+    for (size_t d = 0; d < weight_at_.size(); ++d) {
+      weight_at_[d] = std::exp(-static_cast<double>(d) / options.falloff_bits);
+    }
+    const size_t size = query.descriptors.size();
+    const size_t count = std::min<size_t>(size, options.max_compared_features);
+    for (size_t i = 0; i < count; ++i) used_.push_back(i * size / count);
+  }
+
+  std::vector<double> Score(const std::vector<const Place*>& places) const {
+    std::vector<std::vector<Support>> supports;
+    for (const Place* place : places) supports.push_back(SupportFor(*place));
+    Normalise(&supports);
+    std::vector<double> scores;
+    for (size_t p = 0; p < places.size(); ++p) {
+      scores.push_back(SumOfBest(supports[p], places[p]->group_count));
+    }
+    return scores;
+  }
+
+ private:
+  std::vector<Support> SupportFor(const Place& place) const {
+    std::vector<Support> support;
+    for (const size_t q : used_) {
+      const auto [distance, index] = place.descriptors.Nearest(query_.descriptors[q]);
+      support.push_back(distance > 256 ? Support{}
+                                       : Support{weight_at_[distance], place.groups[index]});
+    }
+    return support;
+  }
+
+  void Normalise(std::vector<std::vector<Support>>* supports) const {
+    const double noise = std::exp(-options_.noise_bits / options_.falloff_bits);
+    for (size_t i = 0; i < used_.size(); ++i) {
+      double mean = 0;
+      for (const auto& support : *supports) mean += support[i].weight / supports->size();
+      for (auto& support : *supports) support[i].weight /= mean + noise;
     }
   }
-  std::vector<uint32_t> support(place.group_count, 0);
-  for (const Nearest& entry : nearest) {
-    if (entry.distance > max_distance_bits) continue;
-    support[entry.group] = std::max(support[entry.group], max_distance_bits + 1 - entry.distance);
+
+  double SumOfBest(const std::vector<Support>& support, uint32_t place_group_count) const {
+    std::vector<Support> of_query(query_.group_count);
+    for (size_t i = 0; i < used_.size(); ++i) {
+      Support& best = of_query[query_.groups[used_[i]]];
+      if (support[i].weight > best.weight) best = support[i];
+    }
+    std::vector<double> of_place(place_group_count, 0.0);
+    for (const Support& best : of_query) {
+      if (best.weight > 0) of_place[best.group] = std::max(of_place[best.group], best.weight);
+    }
+    return std::accumulate(of_place.begin(), of_place.end(), 0.0);
   }
-  uint64_t sum = 0;
-  for (const uint32_t s : support) sum += s;
-  return static_cast<double>(sum) / (max_distance_bits + 1);
-}
+
+  const PlaceIndexOptions& options_;
+  const Place& query_;
+  std::array<double, 257> weight_at_;
+  std::vector<size_t> used_;  // indices of the query's features
+};
 
 bool IsBetter(const PlaceCandidate& a, const PlaceCandidate& b) {
   return a.score != b.score ? a.score > b.score : a.submap < b.submap;
@@ -109,7 +152,8 @@ Status PlaceIndexOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(CheckRange("max_word_frequency", max_word_frequency, 0, 1));
   PORTOLAN_RETURN_IF_ERROR(CheckRange("shortlist", shortlist, 1, 1000000));
   PORTOLAN_RETURN_IF_ERROR(CheckRange("max_compared_features", max_compared_features, 1, 100000));
-  return CheckRange("max_distance_bits", max_distance_bits, 0, 255);
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("falloff_bits", falloff_bits, 1, 256));
+  return CheckRange("noise_bits", noise_bits, 0, 256);
 }
 
 class PlaceIndex::Impl {
@@ -141,12 +185,12 @@ class PlaceIndex::Impl {
     if (max_candidates <= 0) return {};
     const Place query = MakePlace(submap, options_.max_features);
     std::vector<PlaceCandidate> candidates = Shortlist(query, max_candidates, admissible);
-    std::vector<uint32_t> distances;
-    for (PlaceCandidate& candidate : candidates) {
-      const Place& place = slots_[slot_of_.at(candidate.submap)]->place;
-      candidate.score = Similarity(query, place, options_.max_compared_features,
-                                   options_.max_distance_bits, &distances);
+    std::vector<const Place*> places;
+    for (const PlaceCandidate& candidate : candidates) {
+      places.push_back(&slots_[slot_of_.at(candidate.submap)]->place);
     }
+    const std::vector<double> scores = SimilarityScorer(options_, query).Score(places);
+    for (size_t i = 0; i < candidates.size(); ++i) candidates[i].score = scores[i];
     std::erase_if(candidates, [](const PlaceCandidate& c) { return c.score <= 0; });
     KeepBest(max_candidates, &candidates);
     return candidates;

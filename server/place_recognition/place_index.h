@@ -16,7 +16,7 @@ struct PlaceIndexOptions {
   // Words: `tables` times `bits_per_word` bits drawn from the 256 (see locality_words.h). More
   // tables find more, longer words cost less; the figures are in README.md.
   int tables = 8;
-  int bits_per_word = 18;
+  int bits_per_word = 20;
   // Described features kept of a submap; more are thinned evenly. Bounds memory (about 64 bytes a
   // feature) and time.
   int max_features = 1200;
@@ -27,8 +27,11 @@ struct PlaceIndexOptions {
   int shortlist = 24;
   // Features of the query used in the exact comparison; more are thinned evenly.
   int max_compared_features = 400;
-  // Two descriptors may show the same point if they differ in at most this many of 256 bits.
-  int max_distance_bits = 60;
+  // A nearest neighbour at d bits weighs exp(-d / falloff_bits) ...
+  double falloff_bits = 9.0;
+  // ... relative to the mean weight over the shortlist plus the weight at this distance, at which
+  // a neighbour says nothing.
+  double noise_bits = 50.0;
 
   Status Validate() const;
 };

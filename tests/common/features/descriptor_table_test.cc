@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <random>
 
 namespace portolan {
@@ -41,7 +42,18 @@ TEST(DescriptorTable, DistancesEqualTheScalarOnes) {
       EXPECT_EQ(static_cast<int>(distances[i]), HammingDistance(query, expected[i]));
       EXPECT_EQ(table[i], expected[i]);
     }
+    const DescriptorTable::Neighbour nearest = table.Nearest(query);
+    const auto first = std::min_element(distances.begin(), distances.end());
+    EXPECT_EQ(nearest.distance_bits, count == 0 ? 257u : *first);
+    EXPECT_EQ(nearest.index, count == 0 ? 0u : static_cast<uint32_t>(first - distances.begin()));
   }
+}
+
+TEST(DescriptorTable, NearestOfEqualsIsTheFirst) {
+  DescriptorTable table;
+  for (int i = 0; i < 20; ++i) table.Append(Descriptor{});
+  EXPECT_EQ(table.Nearest(Descriptor{}).index, 0u);
+  EXPECT_EQ(table.Nearest(Descriptor{}).distance_bits, 0u);
 }
 
 }  // namespace
