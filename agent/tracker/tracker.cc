@@ -3,40 +3,32 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
 #include <unordered_map>
 
 #include "absl/strings/str_cat.h"
-#include "common/base/check.h"
+#include "agent/tracker/image_pyramid.h"
+#include "agent/tracker/patch_flow.h"
+#include "agent/tracker/reference_patch.h"
 
 namespace portolan {
 namespace {
 
-constexpr int kPatchPx = 13;
-const cv::Size kLkWindow(15, 15);
+// The search from frame to frame ends at this level; the alignment with the reference does the
+// rest.
+constexpr int kLastFlowLevel = 1;
+// A reference seen at another magnification than this is replaced.
+constexpr double kMinAnchorScale = 0.65, kMaxAnchorScale = 2.5;
 
-cv::Mat PatchAt(const cv::Mat& gray, const Eigen::Vector2d& pixel) {
-  cv::Mat patch;
-  cv::getRectSubPix(gray, cv::Size(kPatchPx, kPatchPx), cv::Point2f(pixel.x(), pixel.y()), patch);
-  return patch;
-}
-
-double Correlation(const cv::Mat& a, const cv::Mat& b) {
-  cv::Mat score;
-  cv::matchTemplate(a, b, score, cv::TM_CCOEFF_NORMED);
-  return score.at<float>(0, 0);
-}
+struct TrackState {
+  TrackedPoint point;
+  ReferencePatch reference;
+  Eigen::Matrix2d affine = Eigen::Matrix2d::Identity();  // image from reference
+};
 
 }  // namespace
 
 class Tracker::Impl {
  public:
-  struct State {
-    TrackedPoint point;
-    cv::Mat patch;
-  };
-
   Impl(const TrackerOptions& options, const CameraModel& camera)
       : options_(options),
         camera_(camera),
@@ -55,24 +47,23 @@ class Tracker::Impl {
 
  private:
   Eigen::Vector2d Rotated(const Eigen::Vector2d& pixel, const Eigen::Quaterniond& rotation) const;
-  std::vector<cv::Point2f> Starts(std::span<const TrackPrediction> predictions,
-                                  const Eigen::Quaterniond& previous_from_current) const;
+  bool Advance(const Eigen::Vector2d& start, TrackState* state) const;
   bool IsUsable(const Eigen::Vector2d& pixel) const {
     return camera_.IsInImage(pixel, options_.border_px);
   }
   void Publish();
   void MergeCollapsed();
-  void Lose(TrackId id, State state);
+  void Lose(TrackId id, TrackState state);
 
   const TrackerOptions options_;
   const CameraModel camera_;
   const std::unique_ptr<CornerDetector> detector_;
   const double cell_px_;
   uint32_t next_id_ = 0;
-  cv::Mat gray_;
-  std::vector<cv::Mat> pyramid_;
-  std::map<TrackId, State> tracks_;
-  std::map<TrackId, State> lost_;
+  ImagePyramid previous_;
+  ImagePyramid current_;
+  std::map<TrackId, TrackState> tracks_;
+  std::map<TrackId, TrackState> lost_;
   std::vector<TrackedPoint> points_;
 };
 
@@ -83,64 +74,56 @@ Eigen::Vector2d Tracker::Impl::Rotated(const Eigen::Vector2d& pixel,
   return camera_.Project(current_from_previous * *bearing).value_or(pixel);
 }
 
-std::vector<cv::Point2f> Tracker::Impl::Starts(
-    std::span<const TrackPrediction> predictions,
-    const Eigen::Quaterniond& previous_from_current) const {
+bool Tracker::Impl::Advance(const Eigen::Vector2d& start, TrackState* state) const {
+  const Eigen::Vector2d flow =
+      TrackTranslation(previous_, current_, state->point.pixel, start, kLastFlowLevel)
+          .value_or(start);
+  const auto aligned = state->reference.Align(current_, {flow, state->affine});
+  if (!aligned || aligned->correlation < options_.min_correlation ||
+      !IsUsable(aligned->pose.pixel)) {
+    return false;
+  }
+  state->point.pixel = aligned->pose.pixel;
+  state->point.sigma_px = std::hypot(options_.base_sigma_px, aligned->sigma_px);
+  ++state->point.age_frames;
+  state->affine = aligned->pose.affine;
+  const double scale = std::sqrt(state->affine.determinant());
+  if (scale < kMinAnchorScale || scale > kMaxAnchorScale) {
+    if (auto reference = ReferencePatch::Create(current_, state->point.pixel)) {
+      state->reference = *reference;
+      state->affine.setIdentity();
+    }
+  }
+  return true;
+}
+
+void Tracker::Impl::Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
+                          const Eigen::Quaterniond& previous_from_current) {
+  std::swap(previous_, current_);
+  current_.Build(gray, options_.pyramid_levels);
   std::unordered_map<TrackId, Eigen::Vector2d> predicted;
   for (const TrackPrediction& p : predictions) {
     if (p.pixel.allFinite()) predicted.emplace(p.track, p.pixel);
   }
   const Eigen::Quaterniond current_from_previous = previous_from_current.conjugate();
-  std::vector<cv::Point2f> starts;
-  for (const auto& [id, state] : tracks_) {
-    const auto it = predicted.find(id);
-    const Eigen::Vector2d start =
-        it != predicted.end() ? it->second : Rotated(state.point.pixel, current_from_previous);
-    starts.emplace_back(start.x(), start.y());
-  }
-  return starts;
-}
-
-void Tracker::Impl::Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
-                          const Eigen::Quaterniond& previous_from_current) {
-  gray_ = gray.clone();
-  std::vector<cv::Mat> pyramid;
-  cv::buildOpticalFlowPyramid(gray_, pyramid, kLkWindow, options_.pyramid_levels, true);
-  if (!tracks_.empty()) {
-    std::vector<cv::Point2f> from, to = Starts(predictions, previous_from_current);
-    for (const auto& [id, state] : tracks_) {
-      from.emplace_back(state.point.pixel.x(), state.point.pixel.y());
-    }
-    std::vector<uint8_t> found;
-    std::vector<float> error;
-    cv::calcOpticalFlowPyrLK(
-        pyramid_, pyramid, from, to, found, error, kLkWindow, options_.pyramid_levels,
-        cv::TermCriteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.01),
-        cv::OPTFLOW_USE_INITIAL_FLOW);
-    size_t i = 0;
-    for (auto it = tracks_.begin(); it != tracks_.end(); ++i) {
-      State& state = it->second;
-      const Eigen::Vector2d pixel(to[i].x, to[i].y);
-      if (found[i] && IsUsable(pixel)) {
-        const cv::Mat patch = PatchAt(gray_, pixel);
-        if (Correlation(patch, state.patch) > 0.6) {
-          state.point.pixel = pixel;
-          ++state.point.age_frames;
-          state.patch = patch;
-          ++it;
-          continue;
-        }
-      }
+  for (auto it = tracks_.begin(); it != tracks_.end();) {
+    TrackState& state = it->second;
+    const auto prediction = predicted.find(it->first);
+    const Eigen::Vector2d start = prediction != predicted.end()
+                                      ? prediction->second
+                                      : Rotated(state.point.pixel, current_from_previous);
+    if (Advance(start, &state)) {
+      ++it;
+    } else {
       Lose(it->first, std::move(state));
       it = tracks_.erase(it);
     }
   }
-  pyramid_ = std::move(pyramid);
   MergeCollapsed();
   Publish();
 }
 
-void Tracker::Impl::Lose(TrackId id, State state) {
+void Tracker::Impl::Lose(TrackId id, TrackState state) {
   lost_.insert_or_assign(id, std::move(state));
   while (static_cast<int>(lost_.size()) > options_.max_lost) lost_.erase(lost_.begin());
 }
@@ -161,9 +144,9 @@ void Tracker::Impl::Publish() {
 }
 
 std::vector<TrackId> Tracker::Impl::Detect() {
-  if (gray_.empty()) return {};
-  const int columns = static_cast<int>(std::ceil(gray_.cols / cell_px_));
-  const int rows = static_cast<int>(std::ceil(gray_.rows / cell_px_));
+  if (current_.empty()) return {};
+  const int columns = static_cast<int>(std::ceil(current_.image().cols / cell_px_));
+  const int rows = static_cast<int>(std::ceil(current_.image().rows / cell_px_));
   std::vector<bool> occupied(columns * rows, false);
   for (const auto& [id, state] : tracks_) {
     const int x = std::clamp(static_cast<int>(state.point.pixel.x() / cell_px_), 0, columns - 1);
@@ -177,8 +160,8 @@ std::vector<TrackId> Tracker::Impl::Detect() {
     const int x0 = static_cast<int>(cell % columns * cell_px_);
     const int y0 = static_cast<int>(cell / columns * cell_px_);
     const cv::Rect rect = cv::Rect(x0, y0, std::ceil(cell_px_), std::ceil(cell_px_)) &
-                          cv::Rect(0, 0, gray_.cols, gray_.rows);
-    for (const Corner& corner : detector_->Detect(gray_, rect)) {
+                          cv::Rect(0, 0, current_.image().cols, current_.image().rows);
+    for (const Corner& corner : detector_->Detect(current_.image(), rect)) {
       const auto near = [&](const Eigen::Vector2d& pixel) {
         return (pixel - corner.pixel).norm() < min_distance;
       };
@@ -199,11 +182,10 @@ std::vector<TrackId> Tracker::Impl::Detect() {
   if (static_cast<int>(chosen.size()) > room) chosen.resize(room);
   std::vector<TrackId> created;
   for (const Corner& corner : chosen) {
+    auto reference = ReferencePatch::Create(current_, corner.pixel);
+    if (!reference) continue;
     const TrackId id(next_id_++);
-    State state;
-    state.point = {id, corner.pixel, options_.base_sigma_px, 0};
-    state.patch = PatchAt(gray_, corner.pixel);
-    tracks_.emplace(id, std::move(state));
+    tracks_.emplace(id, TrackState{{id, corner.pixel, options_.base_sigma_px, 0}, *reference});
     created.push_back(id);
   }
   Publish();
@@ -220,23 +202,12 @@ std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost
   for (const SearchRegion& region : lost) {
     const auto it = lost_.find(region.track);
     if (it == lost_.end() || !region.pixel.allFinite()) continue;
-    const double reach = std::min(30.0, 3.0 * std::sqrt(region.covariance_px2.trace()));
-    const int half = static_cast<int>(std::ceil(reach)) + kPatchPx / 2;
-    const cv::Rect window = cv::Rect(cvRound(region.pixel.x()) - half,
-                                     cvRound(region.pixel.y()) - half, 2 * half + 1, 2 * half + 1) &
-                            cv::Rect(0, 0, gray_.cols, gray_.rows);
-    if (window.width < kPatchPx || window.height < kPatchPx) continue;
-    cv::Mat score;
-    cv::matchTemplate(gray_(window), it->second.patch, score, cv::TM_CCOEFF_NORMED);
-    double best = 0.0;
-    cv::Point where;
-    cv::minMaxLoc(score, nullptr, &best, nullptr, &where);
-    const Eigen::Vector2d pixel(window.x + where.x + kPatchPx / 2,
-                                window.y + where.y + kPatchPx / 2);
-    if (best < options_.min_reacquire_correlation || !IsUsable(pixel)) continue;
-    State state = std::move(it->second);
+    const auto aligned = it->second.reference.Align(current_, {region.pixel, it->second.affine});
+    if (!aligned || aligned->correlation < options_.min_reacquire_correlation) continue;
+    TrackState state = std::move(it->second);
     lost_.erase(it);
-    state.point.pixel = pixel;
+    state.point.pixel = aligned->pose.pixel;
+    state.affine = aligned->pose.affine;
     tracks_.insert_or_assign(region.track, std::move(state));
     revived.push_back(region.track);
   }
@@ -248,7 +219,7 @@ std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost
 std::vector<Feature> Tracker::Impl::Describe() const {
   std::vector<Eigen::Vector2d> pixels;
   for (const TrackedPoint& point : points_) pixels.push_back(point.pixel);
-  const auto described = ExtractFeatures(gray_, pixels, options_.features);
+  const auto described = ExtractFeatures(current_.image(), pixels, options_.features);
   if (!described.ok()) return {};
   std::vector<Feature> features;
   for (const DescribedPoint& point : *described) {

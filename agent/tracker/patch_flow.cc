@@ -1,0 +1,166 @@
+#include "agent/tracker/patch_flow.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+namespace portolan {
+namespace {
+
+// The window is kSize x kSize pixels, from -kBefore to kSize - 1 - kBefore about the point.
+constexpr int kSize = 12;
+constexpr int kBefore = 6;
+constexpr int kArea = kSize * kSize;
+constexpr int kMaxIterations = 8;
+constexpr float kConvergedPx = 0.03f;
+// Least mean squared gradient in the weaker direction, (grey levels/px)^2.
+constexpr float kMinEigenvalue = 0.5f;
+
+// Samples are grey levels times 4: two binary digits keep all sums of products within 32 bits.
+constexpr int kWeightBits = 5;
+constexpr int kSampleShift = 2 * kWeightBits - 2;
+
+struct Lattice {
+  int x, y;    // top left pixel
+  int wx, wy;  // fractions in units of 2^-kWeightBits
+};
+
+Lattice LatticeAt(const Eigen::Vector2f& pixel, int before) {
+  constexpr int kOne = 1 << kWeightBits;
+  const int x = static_cast<int>(std::lround(pixel.x() * kOne));
+  const int y = static_cast<int>(std::lround(pixel.y() * kOne));
+  return {(x >> kWeightBits) - before, (y >> kWeightBits) - before, x & (kOne - 1), y & (kOne - 1)};
+}
+
+// Bilinear samples of an N x N window whose fraction is the same for all pixels.
+template <int N>
+bool Sample(const PyramidLevel& level, const Lattice& at, int16_t* out) {
+  if (!level.Holds(at.x, at.y, at.x + N, at.y + N)) return false;
+  constexpr int kOne = 1 << kWeightBits;
+  const int w11 = at.wx * at.wy, w10 = at.wx * kOne - w11, w01 = kOne * at.wy - w11;
+  const int w00 = kOne * kOne - w10 - w01 - w11;
+  constexpr int kHalf = 1 << (kSampleShift - 1);
+  for (int v = 0; v < N; ++v) {
+    const uint8_t* top = level.At(at.x, at.y + v);
+    const uint8_t* bottom = top + level.stride;
+    for (int u = 0; u < N; ++u) {
+      const int value = w00 * top[u] + w10 * top[u + 1] + w01 * bottom[u] + w11 * bottom[u + 1];
+      out[v * N + u] = static_cast<int16_t>((value + kHalf) >> kSampleShift);
+    }
+  }
+  return true;
+}
+
+struct Template {
+  int16_t value[kArea];
+  int16_t gx[kArea];  // central differences: 8 times the gradient per pixel
+  int16_t gy[kArea];
+  int sum_gx = 0, sum_gy = 0;
+  // Inverse of the 2x2 matrix of the gradient products, mean-free.
+  float inverse_xx = 0, inverse_xy = 0, inverse_yy = 0;
+};
+
+bool MakeTemplate(const PyramidLevel& level, const Eigen::Vector2f& pixel, Template* t) {
+  constexpr int kGrown = kSize + 2;
+  int16_t grown[kGrown * kGrown];
+  if (!Sample<kGrown>(level, LatticeAt(pixel, kBefore + 1), grown)) return false;
+  for (int v = 0; v < kSize; ++v) {
+    const int16_t* row = grown + (v + 1) * kGrown + 1;
+    for (int u = 0; u < kSize; ++u) {
+      t->value[v * kSize + u] = row[u];
+      t->gx[v * kSize + u] = static_cast<int16_t>(row[u + 1] - row[u - 1]);
+      t->gy[v * kSize + u] = static_cast<int16_t>(row[u + kGrown] - row[u - kGrown]);
+    }
+  }
+  int xx = 0, xy = 0, yy = 0, sx = 0, sy = 0;
+  for (int i = 0; i < kArea; ++i) {
+    xx += t->gx[i] * t->gx[i];
+    xy += t->gx[i] * t->gy[i];
+    yy += t->gy[i] * t->gy[i];
+    sx += t->gx[i];
+    sy += t->gy[i];
+  }
+  t->sum_gx = sx;
+  t->sum_gy = sy;
+  const float fxx = xx - static_cast<float>(sx) * sx / kArea;
+  const float fxy = xy - static_cast<float>(sx) * sy / kArea;
+  const float fyy = yy - static_cast<float>(sy) * sy / kArea;
+  const float min_eigenvalue = 0.5f * (fxx + fyy - std::hypot(fxx - fyy, 2.0f * fxy));
+  if (min_eigenvalue < kMinEigenvalue * 64.0f * kArea) return false;
+  const float scale = 1.0f / (fxx * fyy - fxy * fxy);
+  t->inverse_xx = fyy * scale;
+  t->inverse_xy = -fxy * scale;
+  t->inverse_yy = fxx * scale;
+  return true;
+}
+
+struct Residual {
+  float bx = 0, by = 0;  // gradient times mean-free difference
+  float energy = 0;      // sum of squares of the mean-free difference
+};
+
+bool Evaluate(const PyramidLevel& level, const Template& t, const Eigen::Vector2f& pixel,
+              Residual* residual) {
+  int16_t window[kArea];
+  if (!Sample<kSize>(level, LatticeAt(pixel, kBefore), window)) return false;
+  int sum = 0, bx = 0, by = 0, squares = 0;
+  for (int i = 0; i < kArea; ++i) {
+    const int16_t difference = static_cast<int16_t>(window[i] - t.value[i]);
+    sum += difference;
+    bx += difference * t.gx[i];
+    by += difference * t.gy[i];
+    squares += difference * difference;
+  }
+  const float mean = static_cast<float>(sum) / kArea;
+  residual->bx = bx - mean * t.sum_gx;
+  residual->by = by - mean * t.sum_gy;
+  residual->energy = squares - mean * sum;
+  return true;
+}
+
+// One level; `pixel` holds the start and then the result. False if it could not be improved.
+bool TrackLevel(const PyramidLevel& from, const PyramidLevel& to, const Eigen::Vector2f& origin,
+                Eigen::Vector2f* pixel) {
+  Template t;
+  if (!MakeTemplate(from, origin, &t)) return false;
+  Eigen::Vector2f at = *pixel;
+  Residual residual;
+  if (!Evaluate(to, t, at, &residual)) return false;
+  const float start_energy = residual.energy;
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    // Differences of samples are 4 times grey levels and gradients 8 times: the step is doubled.
+    const Eigen::Vector2f step =
+        2.0f * Eigen::Vector2f(t.inverse_xx * residual.bx + t.inverse_xy * residual.by,
+                               t.inverse_xy * residual.bx + t.inverse_yy * residual.by);
+    at -= step;
+    if (!Evaluate(to, t, at, &residual)) return false;
+    if (step.squaredNorm() < kConvergedPx * kConvergedPx) break;
+  }
+  if (residual.energy > start_energy) return false;
+  *pixel = at;
+  return true;
+}
+
+}  // namespace
+
+std::optional<Eigen::Vector2d> TrackTranslation(const ImagePyramid& from, const ImagePyramid& to,
+                                                const Eigen::Vector2d& pixel_in_from,
+                                                const Eigen::Vector2d& start_in_to,
+                                                int last_level) {
+  const int top = std::min(from.num_levels(), to.num_levels()) - 1;
+  Eigen::Vector2f pixel = start_in_to.cast<float>();
+  bool any = false;
+  for (int level = top; level >= std::min(last_level, top); --level) {
+    const float scale = 1.0f / static_cast<float>(1 << level);
+    Eigen::Vector2f at = pixel * scale;
+    if (!at.allFinite() || at.cwiseAbs().maxCoeff() > 1e5f) return std::nullopt;
+    if (TrackLevel(from.Level(level), to.Level(level), pixel_in_from.cast<float>() * scale, &at)) {
+      pixel = at / scale;
+      any = true;
+    }
+  }
+  if (!any) return std::nullopt;
+  return pixel.cast<double>();
+}
+
+}  // namespace portolan

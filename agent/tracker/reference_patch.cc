@@ -1,0 +1,203 @@
+#include "agent/tracker/reference_patch.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace portolan {
+namespace {
+
+constexpr int kMaxIterations = 10;
+constexpr double kConvergedPx = 0.015;
+// Window weights: Gaussian.
+constexpr float kWindowSigmaPx = 4.5f;
+// Weight of the affine prior: (standard deviation of the grey values / change of a warp
+// coefficient from frame to frame)^2.
+constexpr float kAffinePrior = (3.0f / 0.03f) * (3.0f / 0.03f);
+// Least mean squared gradient in the weaker direction, (grey levels/px)^2.
+constexpr float kMinEigenvalue = 1.0f;
+// The iteration may move the point this far in all.
+constexpr double kMaxShiftPx = 4.0;
+constexpr double kMinScale = 0.3, kMaxScale = 6.0, kMaxAspect = 3.0;
+// Largest gain of brightness between reference and image, and its inverse.
+constexpr float kMaxGain = 4.0f;
+
+bool IsSound(const PatchPose& pose) {
+  if (!pose.pixel.allFinite() || !pose.affine.allFinite()) return false;
+  const double determinant = pose.affine.determinant();
+  if (determinant < kMinScale * kMinScale || determinant > kMaxScale * kMaxScale) return false;
+  // |A|_F^2 / det = aspect + 1 / aspect.
+  return pose.affine.squaredNorm() / determinant < kMaxAspect + 1.0 / kMaxAspect;
+}
+
+int LevelFor(const PatchPose& pose, int num_levels) {
+  const double level = 0.5 * std::log2(pose.affine.determinant());
+  return std::clamp(static_cast<int>(std::lround(level)), 0, num_levels - 1);
+}
+
+}  // namespace
+
+std::optional<ReferencePatch> ReferencePatch::Create(const ImagePyramid& image,
+                                                     const Eigen::Vector2d& pixel) {
+  if (!pixel.allFinite() || pixel.cwiseAbs().maxCoeff() > 1e6) return std::nullopt;
+  const PyramidLevel level = image.Level(0);
+  const int cx = static_cast<int>(std::lround(pixel.x()));
+  const int cy = static_cast<int>(std::lround(pixel.y()));
+  if (cx < kHalfPx + 1 || cy < kHalfPx + 1 || cx + kHalfPx + 1 >= level.width_px ||
+      cy + kHalfPx + 1 >= level.height_px) {
+    return std::nullopt;
+  }
+  std::optional<ReferencePatch> patch(std::in_place);
+  patch->fraction_ = Eigen::Vector2d(pixel.x() - cx, pixel.y() - cy).cast<float>();
+  for (int i = 0, y = -kHalfPx; y <= kHalfPx; ++y) {
+    for (int x = -kHalfPx; x <= kHalfPx; ++x, ++i) {
+      const uint8_t* p = level.At(cx + x, cy + y);
+      patch->value_[i] = p[0];
+      patch->table_(i, 0) = 0.5f * (p[1] - p[-1]);
+      patch->table_(i, 1) = 0.5f * (p[level.stride] - p[-level.stride]);
+    }
+  }
+  if (!patch->ComputeTables()) return std::nullopt;
+  return patch;
+}
+
+// The first two columns of table_ hold the gradients on entry.
+bool ReferencePatch::ComputeTables() {
+  for (int i = 0; i < kArea; ++i) {
+    const Eigen::Vector2f u(i % kSide - kHalfPx - fraction_.x(),
+                            i / kSide - kHalfPx - fraction_.y());
+    const Eigen::Vector2f gradient = table_.row(i).head<2>();
+    table_.row(i) << gradient.x(), gradient.y(), gradient.x() * u.x(), gradient.x() * u.y(),
+        gradient.y() * u.x(), gradient.y() * u.y(), value_[i], 1.0f;
+    weight_[i] = std::exp(-0.5f * u.squaredNorm() / (kWindowSigmaPx * kWindowSigmaPx));
+  }
+  weight_sum_ = weight_.sum();
+  const Eigen::Matrix<float, 1, 7> mean =
+      (weight_.transpose() * table_.leftCols<7>()) / weight_sum_;
+  table_.leftCols<7>().rowwise() -= mean;
+  const Eigen::Matrix<float, kArea, 1> reference = table_.col(6);
+  energy_ = (reference.array().square() * weight_.array()).sum();
+  if (energy_ < weight_sum_) return false;
+  const Eigen::Matrix<float, 1, 6> along =
+      reference.cwiseProduct(weight_).transpose() * table_.leftCols<6>() / energy_;
+  table_.leftCols<6>() -= reference * along;
+  Eigen::Matrix<float, 6, 6> hessian =
+      table_.leftCols<6>().transpose() * weight_.asDiagonal() * table_.leftCols<6>();
+  const float trace = hessian(0, 0) + hessian(1, 1);
+  const float min_eigenvalue =
+      0.5f * (trace - std::hypot(hessian(0, 0) - hessian(1, 1), 2.0f * hessian(0, 1)));
+  if (min_eigenvalue < kMinEigenvalue * weight_sum_) return false;
+  hessian.diagonal().tail<4>().array() += kAffinePrior;
+  inverse_hessian_ = hessian.ldlt().solve(Eigen::Matrix<float, 6, 6>::Identity());
+  position_covariance_ = inverse_hessian_.topLeftCorner<2, 2>();
+  table_ = weight_.asDiagonal() * table_;
+  return true;
+}
+
+std::optional<ReferencePatch::Products> ReferencePatch::Sample(const PyramidLevel& level,
+                                                               const PatchPose& pose,
+                                                               double scale) const {
+  constexpr int kBits = 16;
+  constexpr double kOne = 1 << kBits;
+  const Eigen::Matrix2d step = pose.affine * scale;
+  const Eigen::Vector2d reach =
+      step.cwiseAbs() * Eigen::Vector2d::Constant(kHalfPx + 1.0) + Eigen::Vector2d::Constant(1.5);
+  const Eigen::Vector2d centre = pose.pixel * scale;
+  if (!level.Holds(static_cast<int>(std::floor(centre.x() - reach.x())),
+                   static_cast<int>(std::floor(centre.y() - reach.y())),
+                   static_cast<int>(std::ceil(centre.x() + reach.x())),
+                   static_cast<int>(std::ceil(centre.y() + reach.y())))) {
+    return std::nullopt;
+  }
+  const Eigen::Vector2d corner =
+      centre - step * (fraction_.cast<double>() + Eigen::Vector2d::Constant(kHalfPx));
+  const auto fixed = [](double v) { return static_cast<int>(std::lround(v * kOne)); };
+  const int xu = fixed(step(0, 0)), xv = fixed(step(0, 1));
+  const int yu = fixed(step(1, 0)), yv = fixed(step(1, 1));
+  int row_x = fixed(corner.x()), row_y = fixed(corner.y());
+  using Array4 = Eigen::Array4f;
+  Array4 low = Array4::Zero(), high = Array4::Zero();
+  float squares = 0.0f;
+  for (int i = 0, v = 0; v < kSide; ++v, row_x += xv, row_y += yv) {
+    int x = row_x, y = row_y;
+    for (int u = 0; u < kSide; ++u, ++i, x += xu, y += yu) {
+      const uint8_t* p = level.At(x >> kBits, y >> kBits);
+      const uint8_t* q = p + level.stride;
+      const int fx = (x >> 8) & 255, fy = (y >> 8) & 255;
+      const int top = (p[0] << 8) + fx * (p[1] - p[0]);
+      const int bottom = (q[0] << 8) + fx * (q[1] - q[0]);
+      const float value = static_cast<float>((top << 8) + fy * (bottom - top)) * (1.0f / 65536.0f);
+      const float* row = table_.data() + 8 * i;
+      low += Eigen::Map<const Array4>(row) * value;
+      high += Eigen::Map<const Array4>(row + 4) * value;
+      squares += weight_[i] * value * value;
+    }
+  }
+  Products products;
+  products.columns << low, high;
+  products.squares = squares;
+  return products;
+}
+
+ReferencePatch::Fit ReferencePatch::FitBrightness(const Products& products) const {
+  const float mean = products.columns[7] / weight_sum_;
+  const float energy = products.squares - mean * products.columns[7];
+  const float cross = products.columns[6];
+  if (energy < 1e-3f * weight_sum_) return {0.0f, 0.0f};
+  return {cross / energy, cross / std::sqrt(energy * energy_)};
+}
+
+std::optional<PatchAlignment> ReferencePatch::Align(const ImagePyramid& image,
+                                                    const PatchPose& start) const {
+  if (!IsSound(start)) return std::nullopt;
+  const int level_index = LevelFor(start, image.num_levels());
+  const PyramidLevel level = image.Level(level_index);
+  const double scale = 1.0 / (1 << level_index);
+  const Eigen::Matrix2d start_inverse = start.affine.inverse();
+  PatchPose pose = start;
+  std::optional<Products> products = Sample(level, pose, scale);
+  for (int iteration = 0; products && iteration < kMaxIterations; ++iteration) {
+    const Fit fit = FitBrightness(*products);
+    if (fit.gain < 1.0f / kMaxGain || fit.gain > kMaxGain) return std::nullopt;
+    Eigen::Matrix<float, 6, 1> right = fit.gain * products->columns.head<6>();
+    const Eigen::Matrix2d deviation = start_inverse * pose.affine;
+    right.tail<4>() += kAffinePrior * Eigen::Vector4f(deviation(0, 0) - 1.0, deviation(0, 1),
+                                                      deviation(1, 0), deviation(1, 1) - 1.0);
+    const Eigen::Matrix<double, 6, 1> delta = (inverse_hessian_ * right).cast<double>();
+    Eigen::Matrix2d warp;
+    warp << 1.0 + delta[2], delta[3], delta[4], 1.0 + delta[5];
+    pose.affine = pose.affine * warp.inverse();
+    const Eigen::Vector2d step = pose.affine * delta.head<2>();
+    pose.pixel -= step;
+    if (!IsSound(pose) || (pose.pixel - start.pixel).norm() > kMaxShiftPx / scale) {
+      return std::nullopt;
+    }
+    products = Sample(level, pose, scale);
+    if (step.norm() < kConvergedPx) break;
+  }
+  if (!products) return std::nullopt;
+  const Fit fit = FitBrightness(*products);
+  const float variance =
+      energy_ * std::max(0.0f, 1.0f - fit.correlation * fit.correlation) / weight_sum_;
+  PatchAlignment alignment;
+  alignment.pose = pose;
+  alignment.correlation = fit.correlation;
+  alignment.gain = fit.gain;
+  const Eigen::Matrix2d covariance =
+      pose.affine * position_covariance_.cast<double>() * pose.affine.transpose();
+  alignment.sigma_px = std::sqrt(0.5 * variance * covariance.trace());
+  return alignment;
+}
+
+std::optional<double> ReferencePatch::Correlation(const ImagePyramid& image,
+                                                  const PatchPose& pose) const {
+  if (!IsSound(pose)) return std::nullopt;
+  const int level = LevelFor(pose, image.num_levels());
+  const auto products = Sample(image.Level(level), pose, 1.0 / (1 << level));
+  if (!products) return std::nullopt;
+  return FitBrightness(*products).correlation;
+}
+
+}  // namespace portolan
