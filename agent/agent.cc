@@ -37,6 +37,7 @@ bool IsLive(const std::vector<TrackedPoint>& points, TrackId track) {
 Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(tracker.Validate());
   PORTOLAN_RETURN_IF_ERROR(filter.Validate());
+  PORTOLAN_RETURN_IF_ERROR(motion.Validate());
   PORTOLAN_RETURN_IF_ERROR(landmarks.Validate());
   PORTOLAN_RETURN_IF_ERROR(keyframes.Validate());
   PORTOLAN_RETURN_IF_ERROR(submap.Validate());
@@ -52,7 +53,9 @@ StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options,
                                                SessionId session) {
   PORTOLAN_RETURN_IF_ERROR(options.Validate());
   PORTOLAN_ASSIGN_OR_RETURN(auto tracker, Tracker::Create(options.tracker, camera));
-  PORTOLAN_ASSIGN_OR_RETURN(auto filter, LocalFilter::Create(options.filter, camera, nullptr));
+  PORTOLAN_ASSIGN_OR_RETURN(
+      auto filter, LocalFilter::Create(options.filter, camera,
+                                       std::make_unique<ConstantVelocityModel>(options.motion)));
   return std::unique_ptr<Agent>(new Agent(options, camera, SubmapKey{std::move(agent), session, 0},
                                           std::move(tracker), std::move(filter)));
 }

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "agent/filter/constant_velocity_model.h"
 #include "agent/filter/local_filter.h"
 #include "agent/landmarks/landmark_manager.h"
 #include "agent/submap/keyframe_selector.h"
@@ -21,6 +22,7 @@ namespace portolan {
 struct AgentOptions {
   TrackerOptions tracker;
   FilterOptions filter;
+  ConstantVelocityOptions motion;
   LandmarkManagerOptions landmarks;
   KeyframeSelectorOptions keyframes;
   SubmapBuilderOptions submap;
