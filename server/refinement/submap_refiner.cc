@@ -90,11 +90,21 @@ class Refinement {
       }
     }
     TriangulateMissing();
-    scene_depth_ = MedianDepth(problem_);
+    // Without landmarks of the filter the scene's depth was only assumed until here.
+    if (submap_.raw->landmarks.empty()) scene_depth_ = MedianDepth(problem_);
+    AddPriors();
+  }
+
+  void AddPriors() {
     for (size_t k = 1; k < problem_.cameras.size(); ++k) {
       BundleCamera& camera = problem_.cameras[k];
-      camera.prior = PositionPrior{camera.world_from_camera.translation,
-                                   options_.position_prior_of_depth * scene_depth_};
+      const double variance =
+          submap_.raw->keyframes[k].covariance.topLeftCorner<3, 3>().trace() / 3;
+      const double sigma =
+          std::clamp(options_.position_prior_sigmas * std::sqrt(std::max(variance, 0.0)),
+                     options_.position_prior_min_of_depth * scene_depth_,
+                     options_.position_prior_max_of_depth * scene_depth_);
+      camera.prior = PositionPrior{camera.world_from_camera.translation, sigma};
     }
   }
 
@@ -219,8 +229,9 @@ class Refinement {
 Status SubmapRefinerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
   PORTOLAN_RETURN_IF_ERROR(bundle.Validate());
-  if (!(position_prior_of_depth > 0) || min_landmarks < 3 || min_keyframe_inliers < 3 ||
-      !(min_inlier_share >= 0 && min_inlier_share <= 1)) {
+  if (!(position_prior_sigmas > 0) || !(position_prior_min_of_depth > 0) ||
+      !(position_prior_max_of_depth >= position_prior_min_of_depth) || min_landmarks < 3 ||
+      min_keyframe_inliers < 3 || !(min_inlier_share >= 0 && min_inlier_share <= 1)) {
     return absl::InvalidArgumentError("refinement: limits out of range");
   }
   return absl::OkStatus();

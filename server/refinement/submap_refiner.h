@@ -14,10 +14,12 @@ namespace portolan {
 struct SubmapRefinerOptions {
   TriangulationOptions triangulation;
   BundleOptions bundle;
-  // Standard deviation of the filter's keyframe positions as a share of the scene's depth. It
-  // keeps the scale, and holds the positions of a camera that only turns; where there is
-  // parallax, pixels are a hundred times stronger.
-  double position_prior_of_depth = 0.1;
+  // Prior of the keyframe positions: the filter's, with this many times its standard deviation,
+  // between two shares of the scene's depth. It keeps the scale, and holds the positions of a
+  // camera that only turns; where there is parallax, pixels are ten to a hundred times stronger.
+  double position_prior_sigmas = 3.0;
+  double position_prior_min_of_depth = 0.01;
+  double position_prior_max_of_depth = 0.1;
   // A submap with fewer refined landmarks than this cannot be matched or linked reliably.
   int min_landmarks = 15;
   // A keyframe with fewer inlier observations has no pose of its own (six unknowns, and some

@@ -10,6 +10,8 @@ namespace portolan {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+// A hypothesis that is tried later must be better by this much than a more believable earlier one.
+constexpr double kMarginChi2 = 2.0;
 
 double SightChi2(const TrackSight& sight, const Eigen::Vector3d& point_in_world) {
   const Rigid3& pose = sight.camera.world_from_camera;
@@ -41,7 +43,8 @@ class Triangulator {
 
   std::optional<TriangulatedPoint> Run(const std::optional<Eigen::Vector3d>& guess) {
     if (sights_.size() < 2) return std::nullopt;
-    if (guess) Try(*guess);
+    if (guess) Try(*guess, 0);
+    TryDepths();
     TryPairs();
     if (best_count_ < 2) return std::nullopt;
     Refine();
@@ -56,7 +59,8 @@ class Triangulator {
   }
 
  private:
-  void Try(const Eigen::Vector3d& point) {
+  // Takes the point if it costs less than the best one by more than `margin`.
+  void Try(const Eigen::Vector3d& point, double margin) {
     int count = 0;
     double cost = 0;
     for (const TrackSight& sight : sights_) {
@@ -64,13 +68,23 @@ class Triangulator {
       count += chi2 < options_.inlier_chi2 ? 1 : 0;
       cost += std::min(chi2, options_.inlier_chi2);
     }
-    if (cost >= best_cost_) return;
+    if (!(cost < best_cost_ - margin)) return;
     best_ = point;
     best_cost_ = cost;
     best_count_ = count;
   }
 
-  // Up to six pairs among four sights spread over the track, and the far end of the first ray.
+  // The first ray at the scene's depth and at its far end.
+  void TryDepths() {
+    const TrackSight& sight = sights_.front();
+    const std::optional<Eigen::Vector3d> bearing = sight.camera.model->Unproject(sight.pixel);
+    if (!bearing) return;
+    const Rigid3& pose = sight.camera.world_from_camera;
+    Try(pose * (scene_depth_ * *bearing), kMarginChi2);
+    Try(pose * (options_.far_scene_depths * scene_depth_ * *bearing), kMarginChi2);
+  }
+
+  // Up to six pairs among four sights spread over the track.
   void TryPairs() {
     const size_t last = sights_.size() - 1;
     const std::array<size_t, 4> picks = {0, last / 3, 2 * last / 3, last};
@@ -81,19 +95,18 @@ class Triangulator {
       if (bearing) rays[i] = sight.camera.world_from_camera.rotation * *bearing;
     }
     for (size_t i = 0; i < picks.size(); ++i) {
-      if (!rays[i]) continue;
-      const Eigen::Vector3d& origin = sights_[picks[i]].camera.world_from_camera.translation;
-      Try(origin + options_.far_scene_depths * scene_depth_ * *rays[i]);
       for (size_t j = i + 1; j < picks.size(); ++j) {
-        if (!rays[j] || picks[i] == picks[j]) continue;
-        const std::optional<Eigen::Vector3d> point = Midpoint(
-            origin, *rays[i], sights_[picks[j]].camera.world_from_camera.translation, *rays[j]);
-        if (point) Try(*point);
+        if (!rays[i] || !rays[j] || picks[i] == picks[j]) continue;
+        const std::optional<Eigen::Vector3d> point =
+            Midpoint(sights_[picks[i]].camera.world_from_camera.translation, *rays[i],
+                     sights_[picks[j]].camera.world_from_camera.translation, *rays[j]);
+        if (point) Try(*point, kMarginChi2);
       }
     }
   }
 
-  // Gauss-Newton over (u, v, rho) with a faint prior on rho that keeps it regular.
+  // Gauss-Newton over (u, v, rho); rho moves by about the inverse of the scene's depth a step, so
+  // that noise does not decide where the rays do not.
   void Refine() {
     const auto first = std::find_if(sights_.begin(), sights_.end(), [this](const TrackSight& s) {
       return SightChi2(s, best_) < options_.inlier_chi2;
@@ -102,15 +115,14 @@ class Triangulator {
     for (int i = 0; i < options_.max_iterations; ++i) {
       const PointReference reference = PointReference::At(anchor, best_);
       Eigen::Vector3d parameters(0, 0, 1.0 / (best_ - anchor).norm());
-      Eigen::Matrix3d information =
-          Eigen::Vector3d(0, 0, 1e-4 * scene_depth_ * scene_depth_).asDiagonal();
+      Eigen::Matrix3d information = Eigen::Vector3d(0, 0, scene_depth_ * scene_depth_).asDiagonal();
       Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
       Accumulate(reference, parameters, &information, &gradient);
       const Eigen::Vector3d step = information.ldlt().solve(-gradient);
       if (!step.allFinite()) return;
       parameters += step;
       const double cost = best_cost_;
-      Try(reference.Apply(parameters.data(), 1.0 / (options_.far_scene_depths * scene_depth_)));
+      Try(reference.Apply(parameters.data(), 1.0 / (options_.far_scene_depths * scene_depth_)), 0);
       if (!(best_cost_ < cost * (1 - 1e-6))) return;
     }
   }

@@ -16,8 +16,7 @@ struct TriangulationOptions {
   double inlier_chi2 = 40.0;
   // Gauss-Newton steps on the agreeing sights; it converges quadratically from the best pair.
   int max_iterations = 6;
-  // Depth that is believed in when the rays do not tell, and how far "infinity" is, in scene
-  // depths.
+  // How far "infinity" is, in scene depths.
   double far_scene_depths = 100.0;
 
   Status Validate() const;
@@ -35,9 +34,10 @@ struct TriangulatedPoint {
   int inlier_count = 0;
 };
 
-// Tries the midpoints of several pairs, a far point, and `guess`; keeps the one that most sights
-// agree with, then minimises the reprojection error over (u, v, rho) at the first agreeing camera.
-// No value if fewer than two sights agree. `scene_depth` > 0: the unit of far_scene_depths.
+// Tries `guess`, the first ray at the scene's depth, far away, and the midpoints of several pairs
+// of rays; keeps the one that the sights agree with best (an earlier one if they do not care), then
+// minimises the reprojection error over (u, v, rho) at the first agreeing camera. No value if
+// fewer than two sights agree. `scene_depth` > 0: what is believed where the rays do not tell.
 std::optional<TriangulatedPoint> TriangulateTrack(const TriangulationOptions& options,
                                                   const std::vector<TrackSight>& sights,
                                                   const std::optional<Eigen::Vector3d>& guess,

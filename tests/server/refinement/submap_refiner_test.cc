@@ -1,0 +1,168 @@
+#include "server/refinement/submap_refiner.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/support/synthetic_submaps.h"
+
+namespace portolan {
+namespace {
+
+using ::testing::HasSubstr;
+
+std::shared_ptr<const RefinedSubmap> Refine(const SyntheticMission& mission, size_t index) {
+  return SubmapRefiner::Create({})->Refine(mission.submaps[index].id, mission.submaps[index].submap,
+                                           mission.camera);
+}
+
+double PositionError(const SyntheticSubmap& truth, const std::vector<Rigid3>& poses) {
+  std::vector<Eigen::Vector3d> estimate, expected;
+  for (size_t k = 0; k < poses.size(); ++k) {
+    estimate.push_back(poses[k].translation);
+    expected.push_back(truth.world_from_camera[k].translation);
+  }
+  return AlignedRms(estimate, expected);
+}
+
+std::vector<Rigid3> FilterPoses(const Submap& submap) {
+  std::vector<Rigid3> poses;
+  for (const Keyframe& keyframe : submap.keyframes) poses.push_back(keyframe.submap_from_camera);
+  return poses;
+}
+
+TEST(SubmapRefiner, RecoversTheGeometryWithoutNoise) {
+  SyntheticSubmapsOptions options;
+  options.pixel_sigma = 0;
+  options.agents[0].submaps = 1;
+  options.agents[0].end_rad = 0.6;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto refined = Refine(mission, 0);
+  EXPECT_EQ(refined->quarantine_reason, "");
+  EXPECT_GT(PositionError(mission.submaps[0], FilterPoses(*refined->raw)), 1e-3);
+  EXPECT_LT(PositionError(mission.submaps[0], refined->submap_from_camera), 2e-5);
+  EXPECT_GT(refined->landmarks.size(), 100u);
+}
+
+TEST(SubmapRefiner, NoisyPixelsAndOutliersStillGainOnTheFilter) {
+  SyntheticSubmapsOptions options;
+  options.outlier_share = 0.05;
+  options.drift_rotation_rad = 0.005;
+  options.drift_translation_share = 0.05;
+  options.agents[0].submaps = 1;
+  options.agents[0].end_rad = 0.6;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto refined = Refine(mission, 0);
+  EXPECT_EQ(refined->quarantine_reason, "");
+  EXPECT_LT(PositionError(mission.submaps[0], refined->submap_from_camera),
+            0.3 * PositionError(mission.submaps[0], FilterPoses(*refined->raw)));
+  EXPECT_LT(refined->rms_reprojection_px, 1.0);
+}
+
+TEST(SubmapRefiner, LandmarkCovariancesMatchTheirErrors) {
+  SyntheticSubmapsOptions options;
+  options.agents[0].submaps = 1;
+  options.agents[0].end_rad = 0.6;
+  double nees = 0;
+  int count = 0;
+  for (uint32_t seed = 1; seed <= 10; ++seed) {
+    options.seed = seed;
+    const SyntheticMission mission = MakeSyntheticMission(options);
+    const auto refined = Refine(mission, 0);
+    double estimated = 0, expected = 0;
+    const Similarity3 submap_from_world = mission.submaps[0].world_from_submap.Inverse();
+    for (size_t k = 1; k < refined->submap_from_camera.size(); ++k) {
+      const Eigen::Vector3d truth =
+          submap_from_world * mission.submaps[0].world_from_camera[k].translation;
+      estimated += truth.dot(refined->submap_from_camera[k].translation);
+      expected += truth.squaredNorm();
+    }
+    for (const RefinedLandmark& landmark : refined->landmarks) {
+      if (landmark.observation_count < 5) continue;
+      const Eigen::Vector3d error =
+          expected / estimated * landmark.point_in_submap -
+          submap_from_world * mission.points_of_tracks[0].at(landmark.track);
+      nees += error.dot(landmark.covariance.ldlt().solve(error));
+      ++count;
+    }
+  }
+  // Landmarks of one run share the cameras' errors, so the band is wider than that of chi-square.
+  EXPECT_GT(nees / count, 2.3);
+  EXPECT_LT(nees / count, 4.0);
+}
+
+TEST(SubmapRefiner, PureRotationStaysBounded) {
+  SyntheticSubmapsOptions options;
+  options.agents[0] = {0, 0.5, 1, 0.0};
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto refined = Refine(mission, 0);
+  EXPECT_EQ(refined->quarantine_reason, "");
+  for (size_t k = 0; k < refined->submap_from_camera.size(); ++k) {
+    EXPECT_LT(refined->submap_from_camera[k].translation.norm(), 0.3);
+    const Rigid3 truth =
+        mission.submaps[0].world_from_camera[0].Inverse() * mission.submaps[0].world_from_camera[k];
+    EXPECT_LT((truth.Inverse() * refined->submap_from_camera[k]).Log().tail<3>().norm(), 0.01);
+  }
+  for (const RefinedLandmark& landmark : refined->landmarks) {
+    EXPECT_TRUE(landmark.point_in_submap.allFinite());
+    EXPECT_EQ(Eigen::LLT<Eigen::Matrix3d>(landmark.covariance).info(), Eigen::Success);
+  }
+}
+
+TEST(SubmapRefiner, LandmarkWithoutParallaxHasLargeVarianceAlongItsRay) {
+  SyntheticSubmapsOptions options;
+  options.agents[0] = {0, 0.5, 1, 0.0};
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto refined = Refine(mission, 0);
+  for (const RefinedLandmark& landmark : refined->landmarks) {
+    const Eigen::Vector3d ray = landmark.point_in_submap.normalized();
+    const double along = std::sqrt(ray.dot(landmark.covariance * ray));
+    EXPECT_GT(along, 0.1 * landmark.point_in_submap.norm());
+  }
+}
+
+TEST(SubmapRefiner, QuarantinesImplausibleSubmaps) {
+  SyntheticSubmapsOptions options;
+  options.agents[0].submaps = 1;
+  options.agents[0].end_rad = 0.6;
+  options.outlier_share = 0.7;
+  EXPECT_NE(Refine(MakeSyntheticMission(options), 0)->quarantine_reason, "");
+  options.outlier_share = 0;
+  options.keyframes_per_submap = 1;
+  EXPECT_THAT(Refine(MakeSyntheticMission(options), 0)->quarantine_reason, HasSubstr("keyframes"));
+  options.keyframes_per_submap = 8;
+  options.max_observations = 10;
+  const auto refined = Refine(MakeSyntheticMission(options), 0);
+  EXPECT_THAT(refined->quarantine_reason, HasSubstr("too few"));
+  EXPECT_TRUE(refined->landmarks.empty());
+}
+
+TEST(SubmapRefiner, RepeatsToTheLastBit) {
+  SyntheticSubmapsOptions options;
+  options.agents[0].submaps = 1;
+  options.agents[0].end_rad = 0.6;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto first = Refine(mission, 0);
+  const auto second = Refine(mission, 0);
+  ASSERT_EQ(first->landmarks.size(), second->landmarks.size());
+  for (size_t i = 0; i < first->landmarks.size(); ++i) {
+    EXPECT_EQ(first->landmarks[i].point_in_submap, second->landmarks[i].point_in_submap);
+  }
+}
+
+TEST(SubmapRefinerOptions, RefusesNonsense) {
+  SubmapRefinerOptions options;
+  EXPECT_TRUE(options.Validate().ok());
+  options.min_inlier_share = 2;
+  EXPECT_FALSE(SubmapRefiner::Create(options).ok());
+  options = {};
+  options.bundle.rounds = 0;
+  EXPECT_FALSE(SubmapRefiner::Create(options).ok());
+  options = {};
+  options.triangulation.inlier_chi2 = -1;
+  EXPECT_FALSE(SubmapRefiner::Create(options).ok());
+}
+
+}  // namespace
+}  // namespace portolan
