@@ -1,0 +1,112 @@
+#include "common/wire/correction_wire.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "common/wire/geometry_wire.h"
+#include "common/wire/submap_validation.h"
+
+namespace portolan {
+namespace {
+
+constexpr int kTangentSize = 7;
+constexpr double kMaxVariance = 1e24;
+
+StatusOr<SubmapPlacement> PlacementFromProto(const v1::SubmapCorrection& message,
+                                             const std::string& where) {
+  SubmapPlacement placement;
+  placement.sequence_number = message.sequence_number();
+  if (message.component_id() <= 0) {
+    return absl::InvalidArgumentError(absl::StrCat(where, ".component_id: not positive"));
+  }
+  placement.component = ComponentId(message.component_id());
+  placement.metric = message.metric();
+  PORTOLAN_ASSIGN_OR_RETURN(
+      placement.world_from_submap,
+      FromProto(message.world_from_submap(), absl::StrCat(where, ".world_from_submap")));
+  if (message.covariance_diagonal_size() != kTangentSize) {
+    return absl::InvalidArgumentError(absl::StrCat(where, ".covariance_diagonal: not 7 numbers"));
+  }
+  for (int i = 0; i < kTangentSize; ++i) {
+    placement.covariance_diagonal[i] = message.covariance_diagonal(i);
+    // Written so that NaN fails.
+    if (!(message.covariance_diagonal(i) >= 0 && message.covariance_diagonal(i) <= kMaxVariance)) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(where, ".covariance_diagonal: negative or not finite"));
+    }
+  }
+  const auto& poses = message.adjusted_submap_from_camera();
+  if (poses.size() % kPoseNumbers != 0 ||
+      poses.size() > kPoseNumbers * static_cast<int>(kMaxKeyframes)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(where, ".adjusted_submap_from_camera: ", poses.size(), " numbers"));
+  }
+  for (int i = 0; i < poses.size() / kPoseNumbers; ++i) {
+    PORTOLAN_ASSIGN_OR_RETURN(
+        Rigid3 pose,
+        PoseAt(poses, i, absl::StrCat(where, ".adjusted_submap_from_camera[", i, "]")));
+    placement.adjusted_submap_from_camera.push_back(pose);
+  }
+  return placement;
+}
+
+}  // namespace
+
+void ToProto(const MapCorrection& correction, v1::Correction* message) {
+  message->set_map_version(correction.map_version);
+  message->set_more(correction.more);
+  for (const SubmapPlacement& placement : correction.submaps) {
+    v1::SubmapCorrection* m = message->add_submaps();
+    m->set_sequence_number(placement.sequence_number);
+    m->set_component_id(placement.component.value());
+    m->set_metric(placement.metric);
+    ToProto(placement.world_from_submap, m->mutable_world_from_submap());
+    for (int i = 0; i < kTangentSize; ++i) {
+      m->add_covariance_diagonal(
+          static_cast<float>(std::min(placement.covariance_diagonal[i], kMaxVariance)));
+    }
+    for (const Rigid3& pose : placement.adjusted_submap_from_camera) {
+      AppendPose(pose, m->mutable_adjusted_submap_from_camera());
+    }
+  }
+}
+
+StatusOr<MapCorrection> FromProto(const v1::Correction& message) {
+  MapCorrection correction;
+  correction.map_version = message.map_version();
+  correction.more = message.more();
+  if (message.submaps_size() > static_cast<int>(kMaxSubmapsPerCorrection)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("correction.submaps: more than ", kMaxSubmapsPerCorrection));
+  }
+  for (int i = 0; i < message.submaps_size(); ++i) {
+    const std::string where = absl::StrCat("correction.submaps[", i, "]");
+    PORTOLAN_ASSIGN_OR_RETURN(SubmapPlacement placement,
+                              PlacementFromProto(message.submaps(i), where));
+    if (i > 0 && placement.sequence_number <= correction.submaps.back().sequence_number) {
+      return absl::InvalidArgumentError(absl::StrCat(where, ".sequence_number: does not ascend"));
+    }
+    correction.submaps.push_back(std::move(placement));
+  }
+  return correction;
+}
+
+std::vector<MapCorrection> SplitCorrection(const MapCorrection& correction, size_t max_submaps) {
+  std::vector<MapCorrection> parts;
+  size_t begin = 0;
+  do {
+    const size_t end = std::min(begin + max_submaps, correction.submaps.size());
+    MapCorrection part;
+    part.map_version = correction.map_version;
+    part.submaps.assign(correction.submaps.begin() + static_cast<std::ptrdiff_t>(begin),
+                        correction.submaps.begin() + static_cast<std::ptrdiff_t>(end));
+    part.more = end < correction.submaps.size() || correction.more;
+    parts.push_back(std::move(part));
+    begin = end;
+  } while (begin < correction.submaps.size());
+  return parts;
+}
+
+}  // namespace portolan

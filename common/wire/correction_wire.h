@@ -1,0 +1,25 @@
+// Corrections on the wire (proto/correction.proto).
+#ifndef PORTOLAN_COMMON_WIRE_CORRECTION_WIRE_H_
+#define PORTOLAN_COMMON_WIRE_CORRECTION_WIRE_H_
+
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/submap/map_correction.h"
+#include "proto/correction.pb.h"
+
+namespace portolan {
+
+inline constexpr size_t kMaxSubmapsPerCorrection = 1024;
+
+// Expects at most kMaxSubmapsPerCorrection submaps; SplitCorrection gives such.
+void ToProto(const MapCorrection& correction, v1::Correction* message);
+StatusOr<MapCorrection> FromProto(const v1::Correction& message);
+
+// Parts of at most `max_submaps` each, all but the last with `more`; one part if it is empty.
+std::vector<MapCorrection> SplitCorrection(const MapCorrection& correction,
+                                           size_t max_submaps = kMaxSubmapsPerCorrection);
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_COMMON_WIRE_CORRECTION_WIRE_H_
