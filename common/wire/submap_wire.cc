@@ -7,6 +7,7 @@
 #include "common/wire/submap_validation.h"
 #include "google/protobuf/io/coded_stream.h"
 #include "google/protobuf/io/zero_copy_stream_impl_lite.h"
+#include "google/protobuf/stubs/logging.h"
 
 namespace portolan {
 namespace {
@@ -131,6 +132,8 @@ StatusOr<Submap> DecodeSubmap(std::string_view bytes) {
     return absl::InvalidArgumentError(
         absl::StrCat("submap: ", bytes.size(), " bytes, more than ", kMaxSubmapBytes));
   }
+  // Damaged bytes must not write to the log; the Status tells of them.
+  const google::protobuf::LogSilencer silencer;
   v1::Submap message;
   if (!message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()))) {
     return absl::InvalidArgumentError("submap: not a portolan.v1.Submap");

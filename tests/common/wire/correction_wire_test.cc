@@ -1,0 +1,106 @@
+#include "common/wire/correction_wire.h"
+
+#include <random>
+
+#include "tests/support/matchers.h"
+
+namespace portolan {
+namespace {
+
+using testing::HasSubstr;
+
+MapCorrection Correction(int submaps) {
+  MapCorrection correction;
+  correction.map_version = 42;
+  for (int i = 0; i < submaps; ++i) {
+    SubmapPlacement placement;
+    placement.sequence_number = static_cast<uint32_t>(3 * i);
+    placement.component = ComponentId(1 + i % 2);
+    placement.metric = i % 2 == 0;
+    Vector7d tangent;
+    tangent << 1.0 * i, 2, 3, 0.1, 0.2 * i, -0.3, 0.4;
+    placement.world_from_submap = Similarity3::Exp(tangent);
+    placement.covariance_diagonal.setConstant(0.5 + i);
+    for (int k = 0; k < i; ++k) {
+      placement.adjusted_submap_from_camera.push_back(Rigid3::Exp(0.1 * k * Vector6d::Ones()));
+    }
+    correction.submaps.push_back(placement);
+  }
+  return correction;
+}
+
+TEST(CorrectionWire, KeepsCorrections) {
+  const MapCorrection correction = Correction(4);
+  v1::Correction message;
+  ToProto(correction, &message);
+  const auto value = FromProto(message);
+  ASSERT_THAT(value, IsOk());
+  EXPECT_EQ(value->map_version, 42u);
+  ASSERT_EQ(value->submaps.size(), 4u);
+  for (size_t i = 0; i < 4; ++i) {
+    const SubmapPlacement& expected = correction.submaps[i];
+    const SubmapPlacement& actual = value->submaps[i];
+    EXPECT_EQ(actual.sequence_number, expected.sequence_number);
+    EXPECT_EQ(actual.component, expected.component);
+    EXPECT_EQ(actual.metric, expected.metric);
+    EXPECT_THAT(actual.world_from_submap, NearSimilarity(expected.world_from_submap, 1e-12));
+    EXPECT_THAT(actual.covariance_diagonal, NearMatrix(expected.covariance_diagonal, 1e-6));
+    ASSERT_EQ(actual.adjusted_submap_from_camera.size(), i);
+    for (size_t k = 0; k < i; ++k) {
+      EXPECT_THAT(actual.adjusted_submap_from_camera[k],
+                  NearRigid(expected.adjusted_submap_from_camera[k], 1e-6));
+    }
+  }
+}
+
+TEST(CorrectionWire, RefusesMalformedCorrections) {
+  const auto refuses = [](const char* what, auto damage) {
+    v1::Correction message;
+    ToProto(Correction(3), &message);
+    damage(&message);
+    EXPECT_THAT(FromProto(message), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  refuses("submaps[1].component_id", [](auto* m) { m->mutable_submaps(1)->clear_component_id(); });
+  refuses("submaps[2].world_from_submap",
+          [](auto* m) { m->mutable_submaps(2)->clear_world_from_submap(); });
+  refuses("submaps[1].sequence_number",
+          [](auto* m) { m->mutable_submaps(1)->set_sequence_number(0); });
+  refuses("covariance_diagonal",
+          [](auto* m) { m->mutable_submaps(0)->set_covariance_diagonal(3, std::nanf("")); });
+  refuses("covariance_diagonal",
+          [](auto* m) { m->mutable_submaps(0)->add_covariance_diagonal(1); });
+  refuses("adjusted_submap_from_camera",
+          [](auto* m) { m->mutable_submaps(2)->add_adjusted_submap_from_camera(1); });
+  refuses("adjusted_submap_from_camera[1]",
+          [](auto* m) { m->mutable_submaps(2)->set_adjusted_submap_from_camera(7, 5); });
+}
+
+TEST(CorrectionWire, RefusesTooManySubmaps) {
+  v1::Correction message;
+  ToProto(Correction(1), &message);
+  for (uint32_t i = 1; i <= kMaxSubmapsPerCorrection; ++i) {
+    *message.add_submaps() = message.submaps(0);
+    message.mutable_submaps(static_cast<int>(i))->set_sequence_number(i);
+  }
+  EXPECT_THAT(FromProto(message),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("more than")));
+}
+
+TEST(SplitCorrection, KeepsAllInOrderAndMarksAllButTheLast) {
+  const auto parts = SplitCorrection(Correction(7), 3);
+  ASSERT_EQ(parts.size(), 3u);
+  uint32_t next = 0;
+  for (size_t i = 0; i < parts.size(); ++i) {
+    EXPECT_EQ(parts[i].map_version, 42u);
+    EXPECT_EQ(parts[i].more, i + 1 < parts.size());
+    for (const auto& placement : parts[i].submaps) {
+      EXPECT_EQ(placement.sequence_number, next);
+      next += 3;
+    }
+  }
+  EXPECT_EQ(next, 21u);
+  EXPECT_EQ(SplitCorrection(Correction(0), 3).size(), 1u);
+}
+
+}  // namespace
+}  // namespace portolan
