@@ -1,0 +1,122 @@
+#include "agent/agent_flags.h"
+
+namespace portolan {
+namespace {
+
+void AddTracker(TrackerOptions* options, OptionSection section) {
+  section.AddChoice("detector", &options->detector.type,
+                    {{"shi_tomasi", DetectorType::kShiTomasi},
+                     {"harris", DetectorType::kHarris},
+                     {"fast", DetectorType::kFast},
+                     {"orb", DetectorType::kOrb},
+                     {"sift", DetectorType::kSift}},
+                    "corner detector; shi_tomasi gives the best sub-pixel tracks for its cost");
+  section.Add("max_points", &options->max_points, "points",
+              "live tracks; the filter uses a part, the server's adjustment all");
+  section.Add("min_distance_cells", &options->min_distance_cells, "cells",
+              "least distance of a new corner from the other tracks");
+  section.Add("border_px", &options->border_px, "px", "no track nearer to the image's edge");
+  section.Add("min_correlation", &options->min_correlation, "",
+              "least correlation with the reference patch for a track to live on");
+  section.Add("min_reacquire_correlation", &options->min_reacquire_correlation, "",
+              "least correlation that revives a lost track");
+  section.Add("pyramid_levels", &options->pyramid_levels, "levels",
+              "pyramid levels above the image; more bridge larger motion between frames");
+  section.Add("base_sigma_px", &options->base_sigma_px, "px",
+              "standard deviation of a perfect match");
+}
+
+void AddFilter(FilterOptions* options, OptionSection section) {
+  section.Add("max_landmarks", &options->max_landmarks, "landmarks",
+              "landmarks in the state; bounds the cost of a frame");
+  section.Add("inverse_depth_sigma_ratio", &options->inverse_depth_sigma_ratio, "",
+              "sigma of a new inverse depth over its mean; 0.5 puts infinity at two sigma");
+  section.Add("linearity_threshold", &options->linearity_threshold, "",
+              "linearity index below which a landmark becomes Euclidean");
+  section.AddChoice("inlier_selection", &options->inlier_selection,
+                    {{"one_point_ransac", InlierSelection::kOnePointRansac},
+                     {"chi_square", InlierSelection::kChiSquareOnly}},
+                    "how wrong matches are found");
+  section.Add("ransac_seed", &options->ransac_seed, "", "equal seeds give equal runs");
+  section.Add("ransac_max_hypotheses", &options->ransac_max_hypotheses, "",
+              "one-point hypotheses a frame at most");
+  section.Add("divergence_max_normalised_innovation",
+              &options->divergence_max_normalised_innovation, "",
+              "mean normalised innovation above which the filter counts as diverged; 1 is ideal");
+  section.Add("divergence_min_inlier_ratio", &options->divergence_min_inlier_ratio, "",
+              "share of inliers below which the filter counts as diverged");
+}
+
+void AddMotion(ConstantVelocityOptions* options, OptionSection section) {
+  section.Add("linear_acceleration", &options->linear_acceleration, "depths/s/sqrt(s)",
+              "unknown acceleration in scene depths");
+  section.Add("angular_acceleration", &options->angular_acceleration, "rad/s/sqrt(s)",
+              "unknown angular acceleration");
+  section.Add("initial_linear_velocity_sigma", &options->initial_linear_velocity_sigma, "depths/s",
+              "spread of the unknown velocity at the start");
+  section.Add("initial_angular_velocity_sigma", &options->initial_angular_velocity_sigma, "rad/s",
+              "spread of the unknown angular velocity at the start");
+}
+
+void AddLandmarks(LandmarkManagerOptions* options, OptionSection section) {
+  section.Add("target", &options->target_landmarks, "landmarks",
+              "landmarks measured in every frame");
+  section.Add("max", &options->max_landmarks, "landmarks",
+              "landmarks in the state, in view or not");
+  section.Add("min_age_frames", &options->min_age_frames, "frames",
+              "age of a track before it may become a landmark");
+  section.Add("max_outlier_frames", &options->max_outlier_frames, "frames",
+              "successive outlier frames that end a landmark");
+  section.Add("max_missed_frames", &options->max_missed_frames, "frames",
+              "successive frames in view without a match that end a landmark");
+}
+
+void AddKeyframes(KeyframeSelectorOptions* options, OptionSection section) {
+  section.Add("min_parallax_rad", &options->min_parallax_rad, "rad",
+              "median parallax that makes a keyframe");
+  section.Add("min_flow_rad", &options->min_flow_rad, "rad",
+              "median flow, rotation included, that makes a keyframe");
+  section.Add("min_tracks_left", &options->min_tracks_left, "",
+              "share of the last keyframe's tracks below which a keyframe is due");
+  section.Add("max_interval_s", &options->max_interval_s, "s",
+              "longest time between keyframes while the camera moves");
+  section.Add("moving_flow_rad", &options->moving_flow_rad, "rad",
+              "flow since the last keyframe above which the camera counts as moving");
+}
+
+void AddSubmap(SubmapBuilderOptions* options, OptionSection section) {
+  section.Add("max_keyframes", &options->max_keyframes, "keyframes",
+              "keyframes that fill a submap");
+  section.Add("max_distance_depths", &options->max_distance_depths, "depths",
+              "travelled distance that fills a submap, in median scene depths");
+  section.Add("max_rotation_rad", &options->max_rotation_rad, "rad",
+              "accumulated rotation that fills a submap");
+  section.Add("min_keyframes", &options->min_keyframes, "keyframes",
+              "a submap that ends in a failure with fewer is not uploaded");
+  section.Add("keyframes_per_description", &options->keyframes_per_description, "keyframes",
+              "every n-th keyframe is described for place recognition; costs uplink");
+}
+
+void AddHealth(TrackingHealthOptions* options, OptionSection section) {
+  section.Add("min_inliers", &options->min_inliers, "landmarks", "a frame with fewer is bad");
+  section.Add("max_bad_frames", &options->max_bad_frames, "frames",
+              "this many bad frames in a row close the submap");
+  section.Add("max_pause_s", &options->max_pause_s, "s",
+              "a longer pause between images closes the submap");
+}
+
+}  // namespace
+
+void AddAgentOptions(AgentOptions* options, OptionTable* table) {
+  AddTracker(&options->tracker, table->Section("tracker"));
+  AddFilter(&options->filter, table->Section("filter"));
+  AddMotion(&options->motion, table->Section("motion"));
+  AddLandmarks(&options->landmarks, table->Section("landmarks"));
+  AddKeyframes(&options->keyframes, table->Section("keyframes"));
+  AddSubmap(&options->submap, table->Section("submap"));
+  AddHealth(&options->health, table->Section("health"));
+  table->Add("min_tracks_share", &options->min_tracks_share, "",
+             "new corners are looked for when fewer than this share of the points is left");
+}
+
+}  // namespace portolan
