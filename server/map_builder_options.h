@@ -3,12 +3,28 @@
 #define PORTOLAN_SERVER_MAP_BUILDER_OPTIONS_H_
 
 #include "common/base/status.h"
+#include "server/alignment/map_aligner.h"
+#include "server/fusion/map_fuser.h"
+#include "server/place_recognition/place_index.h"
+#include "server/refinement/submap_refiner.h"
+#include "server/verification/verifier.h"
 
 namespace portolan {
 
 struct MapBuilderOptions {
-  // Threads of the numerical solvers. With one, results repeat to the last bit; with more, the
-  // order of Ceres' sums, and so the last digits, depend on the scheduler.
+  SubmapRefinerOptions refiner;
+  PlaceIndexOptions place_index;
+  VerifierOptions verifier;
+  MapAlignerOptions aligner;
+  MapFuserOptions fuser;
+  // Places that are verified for each submap; every closure more makes the map more accurate, and
+  // a failed verification costs some milliseconds.
+  int max_candidates = 8;
+  // Submaps of the same session nearer than this in the sequence share tracks; closing with them
+  // adds nothing.
+  int min_sequence_distance = 3;
+  // Threads of the numerical solvers; takes precedence over the stages' own. With one, results
+  // repeat to the last bit; with more, the order of Ceres' sums depends on the scheduler.
   int num_threads = 1;
 
   Status Validate() const;

@@ -1,0 +1,221 @@
+#include "server/alignment/map_adjuster.h"
+
+#include <algorithm>
+#include <cmath>
+#include <unordered_map>
+
+namespace portolan {
+namespace {
+
+// Any value serves: nothing else knows the scale of a component that is not metric.
+constexpr double kScaleGaugeSigma = 1e-3;
+
+class WindowAdjustment {
+ public:
+  WindowAdjustment(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
+                   MapModel* model)
+      : options_(options), window_(window.begin(), window.end()), model_(*model) {}
+
+  MapAdjustment Run(int passes, const std::atomic<bool>* interrupt) {
+    AddLandmarks();
+    FixGauge();
+    BundleOptions bundle = options_.bundle;
+    for (int pass = 0; pass < passes; ++pass) {
+      if (pass > 0) {
+        if (interrupt != nullptr && *interrupt) break;
+        Retriangulate();
+        bundle.rounds = 1;
+      }
+      const BundleSummary summary = AdjustBundle(bundle, interrupt, &problem_);
+      if (!summary.usable) break;
+      result_.summary = summary;
+    }
+    if (result_.summary.usable) WriteBack();
+    return result_;
+  }
+
+ private:
+  struct SightName {
+    SubmapId submap;
+    int landmark = 0;
+    int sight = 0;
+  };
+
+  void AddLandmarks() {
+    std::set<int> landmarks;
+    for (const SubmapId id : window_) {
+      const ModelSubmap& submap = model_.submap(id);
+      landmarks.insert(submap.landmarks.begin(), submap.landmarks.end());
+    }
+    for (const int landmark : landmarks) AddLandmark(landmark);
+    result_.landmarks = static_cast<int>(problem_.points.size());
+    result_.observations = static_cast<int>(problem_.observations.size());
+  }
+
+  void AddLandmark(int index) {
+    const ModelLandmark& landmark = model_.landmarks()[index];
+    const int point = static_cast<int>(problem_.points.size());
+    const size_t before = problem_.observations.size();
+    for (const LandmarkSight& sight : landmark.sights) {
+      const ModelSubmap& submap = model_.submap(sight.submap);
+      const int in_submap = MapModel::LandmarkIndex(*submap.refined, sight.track);
+      const std::vector<ModelSight>& sights = submap.sights[in_submap];
+      for (size_t i = 0; i < sights.size(); ++i) {
+        const Observation& raw =
+            submap.refined->raw->keyframes[sights[i].keyframe].observations[sights[i].observation];
+        BundleObservation observation;
+        observation.camera = CameraIndex(sight.submap, sights[i].keyframe);
+        observation.point = point;
+        observation.pixel = raw.pixel.cast<double>();
+        observation.sigma_px = raw.sigma_px;
+        observation.inlier = sights[i].inlier;
+        problem_.observations.push_back(observation);
+        names_.push_back({sight.submap, in_submap, static_cast<int>(i)});
+      }
+    }
+    if (problem_.observations.size() < before + 2) {
+      problem_.observations.resize(before);
+      names_.resize(before);
+      return;
+    }
+    problem_.points.push_back({landmark.point_in_world, false});
+    point_landmarks_.push_back(index);
+  }
+
+  int CameraIndex(SubmapId id, int keyframe) {
+    const std::pair<SubmapId, int> camera = model_.CameraOf(id, keyframe);
+    const uint64_t key =
+        (static_cast<uint64_t>(camera.first.value()) << 16) | static_cast<uint64_t>(camera.second);
+    const auto [it, inserted] = cameras_.emplace(key, static_cast<int>(problem_.cameras.size()));
+    if (!inserted) return it->second;
+    BundleCamera bundle_camera;
+    bundle_camera.world_from_camera = model_.submap(camera.first).world_from_camera[camera.second];
+    bundle_camera.model = model_.submap(camera.first).refined->camera.get();
+    bundle_camera.fixed = !IsFree(camera);
+    problem_.cameras.push_back(bundle_camera);
+    camera_names_.push_back(camera);
+    if (!bundle_camera.fixed) ++result_.cameras;
+    return it->second;
+  }
+
+  // A keyframe shared with a held neighbour moves with the window.
+  bool IsFree(const std::pair<SubmapId, int>& camera) const {
+    if (window_.contains(camera.first)) return true;
+    const ModelSubmap& submap = model_.submap(camera.first);
+    return submap.successor && window_.contains(*submap.successor) &&
+           camera.second + 1 == static_cast<int>(submap.world_from_camera.size());
+  }
+
+  void FixGauge() {
+    AddMetricDistances();
+    const bool held = std::any_of(problem_.cameras.begin(), problem_.cameras.end(),
+                                  [](const BundleCamera& camera) { return camera.fixed; });
+    if (held || camera_names_.empty()) return;
+    const int first = static_cast<int>(
+        std::min_element(camera_names_.begin(), camera_names_.end()) - camera_names_.begin());
+    problem_.cameras[first].fixed = true;
+    if (!problem_.distances.empty()) return;
+    DistancePrior scale{first, first, 0, kScaleGaugeSigma};
+    for (size_t i = 0; i < problem_.cameras.size(); ++i) {
+      const double distance = (problem_.cameras[i].world_from_camera.translation -
+                               problem_.cameras[first].world_from_camera.translation)
+                                  .norm();
+      if (distance <= scale.distance) continue;
+      scale.camera_b = static_cast<int>(i);
+      scale.distance = distance;
+    }
+    if (scale.distance > 0) problem_.distances.push_back(scale);
+  }
+
+  // Every metric submap says how far apart its first keyframe and the one farthest from it are.
+  void AddMetricDistances() {
+    for (const SubmapId id : window_) {
+      const ModelSubmap& submap = model_.submap(id);
+      if (!submap.refined->raw->metric) continue;
+      DistancePrior prior{CameraIndex(id, 0), 0, 0, options_.metric_log_scale_sigma};
+      const std::vector<Keyframe>& keyframes = submap.refined->raw->keyframes;
+      for (size_t k = 1; k < keyframes.size(); ++k) {
+        const double distance = keyframes[k].submap_from_camera.translation.norm();
+        if (distance <= prior.distance) continue;
+        prior.distance = distance;
+        prior.camera_b = CameraIndex(id, static_cast<int>(k));
+      }
+      if (prior.distance > 0) problem_.distances.push_back(prior);
+    }
+  }
+
+  void Retriangulate() {
+    const double scene_depth = MedianDepth(problem_);
+    size_t begin = 0;
+    while (begin < problem_.observations.size()) {
+      size_t end = begin;
+      int inliers = 0;
+      const int point = problem_.observations[begin].point;
+      for (; end < problem_.observations.size() && problem_.observations[end].point == point;
+           ++end) {
+        inliers += problem_.observations[end].inlier ? 1 : 0;
+      }
+      if (inliers < 2) RetriangulatePoint(begin, end, scene_depth);
+      begin = end;
+    }
+  }
+
+  void RetriangulatePoint(size_t begin, size_t end, double scene_depth) {
+    std::vector<TrackSight> sights;
+    for (size_t i = begin; i < end; ++i) {
+      const BundleObservation& observation = problem_.observations[i];
+      const BundleCamera& camera = problem_.cameras[observation.camera];
+      sights.push_back(
+          {{camera.world_from_camera, camera.model}, observation.pixel, observation.sigma_px});
+    }
+    const auto point = TriangulateTrack(options_.triangulation, sights, std::nullopt, scene_depth);
+    if (!point) return;
+    problem_.points[problem_.observations[begin].point].point_in_world = point->point_in_world;
+    for (size_t i = begin; i < end; ++i)
+      problem_.observations[i].inlier = point->inliers[i - begin];
+  }
+
+  void WriteBack() {
+    for (size_t i = 0; i < camera_names_.size(); ++i) {
+      if (problem_.cameras[i].fixed) continue;
+      model_.SetCamera(camera_names_[i].first, camera_names_[i].second,
+                       problem_.cameras[i].world_from_camera);
+    }
+    for (size_t i = 0; i < point_landmarks_.size(); ++i) {
+      model_.SetLandmark(point_landmarks_[i], problem_.points[i].point_in_world);
+    }
+    for (size_t i = 0; i < names_.size(); ++i) {
+      model_.SetInlier(names_[i].submap, names_[i].landmark, names_[i].sight,
+                       problem_.observations[i].inlier);
+    }
+    for (const SubmapId id : window_) model_.FitSubmapToCameras(id);
+  }
+
+  const MapAdjusterOptions& options_;
+  const std::set<SubmapId> window_;
+  MapModel& model_;
+  BundleProblem problem_;
+  std::vector<SightName> names_;      // parallel to the observations
+  std::vector<int> point_landmarks_;  // parallel to the points
+  std::vector<std::pair<SubmapId, int>> camera_names_;
+  std::unordered_map<uint64_t, int> cameras_;
+  MapAdjustment result_;
+};
+
+}  // namespace
+
+Status MapAdjusterOptions::Validate() const {
+  PORTOLAN_RETURN_IF_ERROR(bundle.Validate());
+  PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
+  if (!(metric_log_scale_sigma > 0)) {
+    return absl::InvalidArgumentError("map adjuster: metric_log_scale_sigma must be positive");
+  }
+  return absl::OkStatus();
+}
+
+MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
+                        int passes, const std::atomic<bool>* interrupt, MapModel* model) {
+  return WindowAdjustment(options, window, model).Run(passes, interrupt);
+}
+
+}  // namespace portolan

@@ -1,0 +1,150 @@
+#include "server/fusion/map_fuser.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "server/refinement/bundle_costs.h"
+
+namespace portolan {
+namespace {
+
+// Inverse distance under which a point is as good as infinitely far, relative to nothing: such
+// points are not published anyway, this only keeps numbers finite.
+constexpr double kMinRho = 1e-12;
+
+// Adds the information of one observation about (u, v, rho).
+void AddInformation(const CameraReference& camera, const PointReference& point,
+                    const Eigen::Vector3d& parameters, const Observation& observation,
+                    Eigen::Matrix3d* information) {
+  const std::array<double, 6> zero{};
+  const std::array<const double*, 2> blocks = {zero.data(), parameters.data()};
+  const ReprojectionCost cost(&camera, &point, observation.pixel.cast<double>(),
+                              observation.sigma_px);
+  Eigen::Vector2d residual;
+  Eigen::Matrix<double, 2, 3, Eigen::RowMajor> d_point;
+  std::array<double*, 2> jacobians = {nullptr, d_point.data()};
+  cost.Evaluate(blocks.data(), residual.data(), jacobians.data());
+  *information += d_point.transpose() * d_point;
+}
+
+double RotationAngle(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
+  return a.angularDistance(b);
+}
+
+}  // namespace
+
+Status MapFuserOptions::Validate() const {
+  if (min_observations < 2 || !(max_relative_sigma > 0) || !(moved_translation_of_depth >= 0) ||
+      !(moved_rotation_rad >= 0)) {
+    return absl::InvalidArgumentError("fusion: limits out of range");
+  }
+  return absl::OkStatus();
+}
+
+std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int index) const {
+  const ModelLandmark& landmark = model.landmarks()[index];
+  FusedLandmark fused;
+  fused.point_in_world = landmark.point_in_world;
+  std::optional<PointReference> reference;
+  Eigen::Vector3d parameters = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+  for (const LandmarkSight& sight : landmark.sights) {
+    const ModelSubmap& submap = model.submap(sight.submap);
+    const int in_submap = MapModel::LandmarkIndex(*submap.refined, sight.track);
+    for (const ModelSight& s : submap.sights[in_submap]) {
+      if (!s.inlier) continue;
+      const Rigid3& pose = submap.world_from_camera[s.keyframe];
+      if (!reference) {
+        reference = PointReference::At(pose.translation, landmark.point_in_world);
+        parameters[2] =
+            1.0 / std::max((landmark.point_in_world - pose.translation).norm(), kMinRho);
+      }
+      AddInformation({pose, submap.refined->camera.get()}, *reference, parameters,
+                     submap.refined->raw->keyframes[s.keyframe].observations[s.observation],
+                     &information);
+      ++fused.observation_count;
+    }
+  }
+  if (fused.observation_count < options_.min_observations) return std::nullopt;
+  const Eigen::LLT<Eigen::Matrix3d> factor(information);
+  if (factor.info() != Eigen::Success) return std::nullopt;
+  const Eigen::Matrix3d covariance = factor.solve(Eigen::Matrix3d::Identity());
+  if (!(std::sqrt(covariance(2, 2)) < options_.max_relative_sigma * parameters[2])) {
+    return std::nullopt;
+  }
+  const Eigen::Matrix3d jacobian = reference->PointJacobian(parameters.data(), kMinRho);
+  fused.covariance = jacobian * covariance * jacobian.transpose();
+  fused.covariance = 0.5 * (fused.covariance + fused.covariance.transpose()).eval();
+  fused.sights = landmark.sights;
+  fused.id = LandmarkIdOf(landmark.sights.front());
+  return fused;
+}
+
+std::shared_ptr<const SubmapState> MapFuser::FuseSubmap(const MapAligner& aligner, SubmapId id,
+                                                        const SubmapState* previous,
+                                                        uint64_t version) const {
+  const MapModel& model = aligner.model();
+  const ModelSubmap& submap = model.submap(id);
+  auto state = std::make_shared<SubmapState>();
+  state->refined = submap.refined;
+  state->component = submap.component;
+  state->world_from_submap = submap.world_from_submap;
+  state->covariance = aligner.Covariance(id);
+  state->world_from_camera = submap.world_from_camera;
+  std::vector<double> depths;
+  for (size_t i = 0; i < submap.landmarks.size(); ++i) {
+    const ModelLandmark& landmark = model.landmarks()[submap.landmarks[i]];
+    depths.push_back(
+        (landmark.point_in_world - submap.world_from_camera.front().translation).norm());
+    if (landmark.sights.front() != LandmarkSight{id, submap.refined->landmarks[i].track}) continue;
+    std::optional<FusedLandmark> fused = FuseLandmark(model, submap.landmarks[i]);
+    if (fused) state->landmarks.push_back(*std::move(fused));
+  }
+  double depth = 0;
+  if (!depths.empty()) {
+    std::nth_element(depths.begin(), depths.begin() + depths.size() / 2, depths.end());
+    depth = depths[depths.size() / 2];
+  }
+  bool moved = previous == nullptr || previous->component != state->component;
+  for (size_t k = 0; k < state->world_from_camera.size() && !moved; ++k) {
+    const Rigid3& before = previous->world_from_camera[k];
+    const Rigid3& after = state->world_from_camera[k];
+    moved = (before.translation - after.translation).norm() >
+                options_.moved_translation_of_depth * depth ||
+            RotationAngle(before.rotation, after.rotation) > options_.moved_rotation_rad;
+  }
+  state->moved_at_version = moved ? version : previous->moved_at_version;
+  return state;
+}
+
+std::shared_ptr<const MapSnapshot> MapFuser::Fuse(const MapSnapshot& previous,
+                                                  MapAligner* aligner) const {
+  const std::set<SubmapId> touched = aligner->TakeTouched();
+  auto snapshot = std::make_shared<MapSnapshot>();
+  snapshot->version = previous.version + 1;
+  snapshot->closures = std::make_shared<const std::vector<Closure>>(aligner->closures());
+  std::map<ComponentId, ComponentState> components;
+  auto old = previous.submaps.begin();
+  for (const auto& [id, submap] : aligner->model().submaps()) {
+    const bool known = old != previous.submaps.end() && (*old)->refined->id == id;
+    if (known && !touched.contains(id)) {
+      snapshot->submaps.push_back(*old);
+    } else {
+      snapshot->submaps.push_back(
+          FuseSubmap(*aligner, id, known ? old->get() : nullptr, snapshot->version));
+    }
+    if (known) ++old;
+    ComponentState& component = components[submap.component];
+    component.id = submap.component;
+    component.metric = component.metric || submap.refined->raw->metric;
+  }
+  for (const auto& [id, component] : components) snapshot->components.push_back(component);
+  return snapshot;
+}
+
+}  // namespace portolan
