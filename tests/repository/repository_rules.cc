@@ -29,10 +29,10 @@ const std::vector<std::vector<std::string>> kFlows = {
 };
 
 const std::set<std::string> kAlgorithmFolders = {
-    "common/base",   "common/geometry",          "common/camera",       "common/features",
-    "common/submap", "common/trajectory",        "agent/tracker",       "agent/filter",
-    "agent/submap",  "server/refinement",        "server/verification", "server/alignment",
-    "server/fusion", "server/place_recognition", "agent/landmarks",     "server/pose_graph",
+    "common/geometry",          "common/camera",       "common/features",   "common/submap",
+    "common/trajectory",        "agent/tracker",       "agent/filter",      "agent/submap",
+    "server/refinement",        "server/verification", "server/alignment",  "server/fusion",
+    "server/place_recognition", "agent/landmarks",     "server/pose_graph",
 };
 
 // Value types that every stage of the server reads, though one of them owns the header; they have
