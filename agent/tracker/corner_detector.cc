@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/features2d.hpp>
-#include <opencv2/imgproc.hpp>
+
+#include "agent/tracker/response_map.h"
 
 namespace portolan {
 namespace {
-
-// Window over which gradients are gathered, and the Sobel aperture.
-constexpr int kWindowPx = 7;
-constexpr int kSobelPx = 3;
 
 void SortByResponse(std::vector<Corner>* corners) {
   std::sort(corners->begin(), corners->end(), [](const Corner& a, const Corner& b) {
@@ -27,23 +24,22 @@ double ParabolaPeak(double left, double centre, double right) {
   return std::clamp(0.5 * (left - right) / curvature, -0.5, 0.5);
 }
 
-// Local maxima above a threshold of a response map. The map is that of `cell` grown by one pixel
-// where the image allows; `origin` is its top left pixel.
-std::vector<Corner> LocalMaxima(const cv::Mat& response, const cv::Point& origin,
+// Local maxima above a threshold of a response map over `area`; its outermost pixels only compete.
+std::vector<Corner> LocalMaxima(const std::vector<float>& response, const cv::Rect& area,
                                 double min_response) {
   std::vector<Corner> corners;
-  for (int y = 1; y + 1 < response.rows; ++y) {
-    const float* above = response.ptr<float>(y - 1);
-    const float* row = response.ptr<float>(y);
-    const float* below = response.ptr<float>(y + 1);
-    for (int x = 1; x + 1 < response.cols; ++x) {
+  for (int y = 1; y + 1 < area.height; ++y) {
+    const float* row = response.data() + static_cast<size_t>(y) * area.width;
+    const float* above = row - area.width;
+    const float* below = row + area.width;
+    for (int x = 1; x + 1 < area.width; ++x) {
       const float r = row[x];
       if (r < min_response || r < row[x - 1] || r <= row[x + 1]) continue;
       if (r < above[x] || r < above[x - 1] || r < above[x + 1]) continue;
       if (r <= below[x] || r <= below[x - 1] || r <= below[x + 1]) continue;
       const Eigen::Vector2d offset(ParabolaPeak(row[x - 1], r, row[x + 1]),
                                    ParabolaPeak(above[x], r, below[x]));
-      corners.push_back({Eigen::Vector2d(origin.x + x, origin.y + y) + offset, r});
+      corners.push_back({Eigen::Vector2d(area.x + x, area.y + y) + offset, r});
     }
   }
   SortByResponse(&corners);
@@ -61,35 +57,22 @@ bool IsInCell(const cv::Rect& cell, const Eigen::Vector2d& pixel) {
          pixel.y() >= cell.y - 0.5 && pixel.y() < cell.y + cell.height - 0.5;
 }
 
-// Shi & Tomasi (CVPR 1994) and Harris & Stephens (1988): both read the 2x2 matrix of the mean
-// gradient products over a window.
 class GradientCornerDetector : public CornerDetector {
  public:
-  GradientCornerDetector(bool harris, double threshold) : harris_(harris), threshold_(threshold) {}
+  GradientCornerDetector(CornerMeasure measure, double threshold)
+      : measure_(measure), threshold_(threshold) {}
 
   std::vector<Corner> Detect(const cv::Mat& gray, const cv::Rect& cell) const override {
     const cv::Rect grown = Grow(cell, 1, gray);
     if (grown.width < 3 || grown.height < 3) return {};
-    cv::Mat response;
-    // OpenCV scales gradients so that 8-bit images map to [0, 1]; undone by the factor 255^2 (per
-    // squared gradient), to which the Sobel kernel's own sum adds nothing.
-    if (harris_) {
-      cv::cornerHarris(gray(grown), response, kWindowPx, kSobelPx, 0.04);
-    } else {
-      cv::cornerMinEigenVal(gray(grown), response, kWindowPx, kSobelPx);
-    }
-    const double unit = 255.0 * 255.0 * kScale;
-    response *= harris_ ? unit * unit : unit;
-    std::vector<Corner> corners = LocalMaxima(response, grown.tl(), threshold_);
+    std::vector<Corner> corners =
+        LocalMaxima(ComputeResponse(gray, grown, measure_), grown, threshold_);
     std::erase_if(corners, [&](const Corner& c) { return !IsInCell(cell, c.pixel); });
     return corners;
   }
 
  private:
-  // cornerMinEigenVal uses a Sobel kernel normalised by 1 / (2^(aperture-1) * window * 255), and
-  // an unnormalised box sum; a unit ramp thus gives (8 / (4 * 7 * 255))^2 * 49 = 4 / 255^2.
-  static constexpr double kScale = 0.25;
-  const bool harris_;
+  const CornerMeasure measure_;
   const double threshold_;
 };
 
@@ -137,7 +120,8 @@ Status DetectorOptions::Validate() const {
 std::unique_ptr<CornerDetector> CornerDetector::Create(const DetectorOptions& options) {
   switch (options.type) {
     case DetectorType::kHarris:
-      return std::make_unique<GradientCornerDetector>(true, options.min_harris_response);
+      return std::make_unique<GradientCornerDetector>(CornerMeasure::kHarris,
+                                                      options.min_harris_response);
     case DetectorType::kFast:
       return std::make_unique<KeypointCornerDetector>(
           cv::FastFeatureDetector::create(options.fast_threshold, true), 4);
@@ -151,7 +135,8 @@ std::unique_ptr<CornerDetector> CornerDetector::Create(const DetectorOptions& op
     case DetectorType::kShiTomasi:
       break;
   }
-  return std::make_unique<GradientCornerDetector>(false, options.min_eigenvalue);
+  return std::make_unique<GradientCornerDetector>(CornerMeasure::kMinEigenvalue,
+                                                  options.min_eigenvalue);
 }
 
 }  // namespace portolan

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 namespace portolan {
 namespace {
@@ -19,6 +20,14 @@ constexpr float kMinEigenvalue = 0.5f;
 // Samples are grey levels times 4: two binary digits keep all sums of products within 32 bits.
 constexpr int kWeightBits = 5;
 constexpr int kSampleShift = 2 * kWeightBits - 2;
+
+// Starts are compared at this level: coarse enough for errors of several pixels.
+constexpr int kStartLevel = 2;
+
+// Small enough for the fixed-point lattice.
+bool IsSane(const Eigen::Vector2f& pixel) {
+  return pixel.allFinite() && pixel.cwiseAbs().maxCoeff() < 1e5f;
+}
 
 struct Lattice {
   int x, y;    // top left pixel
@@ -133,7 +142,7 @@ bool TrackLevel(const PyramidLevel& from, const PyramidLevel& to, const Eigen::V
         2.0f * Eigen::Vector2f(t.inverse_xx * residual.bx + t.inverse_xy * residual.by,
                                t.inverse_xy * residual.bx + t.inverse_yy * residual.by);
     at -= step;
-    if (!Evaluate(to, t, at, &residual)) return false;
+    if (!IsSane(at) || !Evaluate(to, t, at, &residual)) return false;
     if (step.squaredNorm() < kConvergedPx * kConvergedPx) break;
   }
   if (residual.energy > start_energy) return false;
@@ -141,20 +150,42 @@ bool TrackLevel(const PyramidLevel& from, const PyramidLevel& to, const Eigen::V
   return true;
 }
 
+// The start with the least residual at one level.
+Eigen::Vector2f BestStart(const PyramidLevel& from, const PyramidLevel& to, float scale,
+                          const Eigen::Vector2f& origin, std::span<const Eigen::Vector2d> starts) {
+  Eigen::Vector2f best = starts.front().cast<float>();
+  Template t;
+  if (starts.size() == 1 || !MakeTemplate(from, origin * scale, &t)) return best;
+  float best_energy = std::numeric_limits<float>::max();
+  for (const Eigen::Vector2d& start : starts) {
+    Residual residual;
+    const Eigen::Vector2f at = start.cast<float>() * scale;
+    if (IsSane(at) && Evaluate(to, t, at, &residual) && residual.energy < best_energy) {
+      best_energy = residual.energy;
+      best = start.cast<float>();
+    }
+  }
+  return best;
+}
+
 }  // namespace
 
 std::optional<Eigen::Vector2d> TrackTranslation(const ImagePyramid& from, const ImagePyramid& to,
                                                 const Eigen::Vector2d& pixel_in_from,
-                                                const Eigen::Vector2d& start_in_to,
+                                                std::span<const Eigen::Vector2d> starts_in_to,
                                                 int last_level) {
   const int top = std::min(from.num_levels(), to.num_levels()) - 1;
-  Eigen::Vector2f pixel = start_in_to.cast<float>();
+  if (top < 0 || starts_in_to.empty()) return std::nullopt;
+  const Eigen::Vector2f origin = pixel_in_from.cast<float>();
+  const int middle = std::min(kStartLevel, top);
+  Eigen::Vector2f pixel =
+      BestStart(from.Level(middle), to.Level(middle), 1.0f / (1 << middle), origin, starts_in_to);
+  if (!IsSane(pixel) || !IsSane(origin)) return std::nullopt;
   bool any = false;
   for (int level = top; level >= std::min(last_level, top); --level) {
     const float scale = 1.0f / static_cast<float>(1 << level);
     Eigen::Vector2f at = pixel * scale;
-    if (!at.allFinite() || at.cwiseAbs().maxCoeff() > 1e5f) return std::nullopt;
-    if (TrackLevel(from.Level(level), to.Level(level), pixel_in_from.cast<float>() * scale, &at)) {
+    if (TrackLevel(from.Level(level), to.Level(level), origin * scale, &at)) {
       pixel = at / scale;
       any = true;
     }

@@ -15,7 +15,7 @@ constexpr double kConvergedPx = 0.015;
 constexpr float kWindowSigmaPx = 4.5f;
 // Weight of the affine prior: (standard deviation of the grey values / change of a warp
 // coefficient from frame to frame)^2.
-constexpr float kAffinePrior = (3.0f / 0.03f) * (3.0f / 0.03f);
+constexpr float kAffinePrior = (3.0f / 0.02f) * (3.0f / 0.02f);
 // Least mean squared gradient in the weaker direction, (grey levels/px)^2.
 constexpr float kMinEigenvalue = 1.0f;
 // The iteration may move the point this far in all.
@@ -24,20 +24,21 @@ constexpr double kMinScale = 0.3, kMaxScale = 6.0, kMaxAspect = 3.0;
 // Largest gain of brightness between reference and image, and its inverse.
 constexpr float kMaxGain = 4.0f;
 
+}  // namespace
+
 bool IsSound(const PatchPose& pose) {
   if (!pose.pixel.allFinite() || !pose.affine.allFinite()) return false;
+  if (pose.pixel.cwiseAbs().maxCoeff() > 1e6) return false;
   const double determinant = pose.affine.determinant();
   if (determinant < kMinScale * kMinScale || determinant > kMaxScale * kMaxScale) return false;
   // |A|_F^2 / det = aspect + 1 / aspect.
   return pose.affine.squaredNorm() / determinant < kMaxAspect + 1.0 / kMaxAspect;
 }
 
-int LevelFor(const PatchPose& pose, int num_levels) {
+int PatchLevel(const PatchPose& pose, int num_levels) {
   const double level = 0.5 * std::log2(pose.affine.determinant());
   return std::clamp(static_cast<int>(std::lround(level)), 0, num_levels - 1);
 }
-
-}  // namespace
 
 std::optional<ReferencePatch> ReferencePatch::Create(const ImagePyramid& image,
                                                      const Eigen::Vector2d& pixel) {
@@ -65,13 +66,20 @@ std::optional<ReferencePatch> ReferencePatch::Create(const ImagePyramid& image,
 
 // The first two columns of table_ hold the gradients on entry.
 bool ReferencePatch::ComputeTables() {
+  std::array<float, kSide> weight_x, weight_y;
+  for (int i = 0; i < kSide; ++i) {
+    const Eigen::Array2f u = static_cast<float>(i - kHalfPx) - fraction_.array();
+    const Eigen::Array2f w = (-0.5f / (kWindowSigmaPx * kWindowSigmaPx) * u.square()).exp();
+    weight_x[i] = w.x();
+    weight_y[i] = w.y();
+  }
   for (int i = 0; i < kArea; ++i) {
     const Eigen::Vector2f u(i % kSide - kHalfPx - fraction_.x(),
                             i / kSide - kHalfPx - fraction_.y());
     const Eigen::Vector2f gradient = table_.row(i).head<2>();
     table_.row(i) << gradient.x(), gradient.y(), gradient.x() * u.x(), gradient.x() * u.y(),
         gradient.y() * u.x(), gradient.y() * u.y(), value_[i], 1.0f;
-    weight_[i] = std::exp(-0.5f * u.squaredNorm() / (kWindowSigmaPx * kWindowSigmaPx));
+    weight_[i] = weight_x[i % kSide] * weight_y[i / kSide];
   }
   weight_sum_ = weight_.sum();
   const Eigen::Matrix<float, 1, 7> mean =
@@ -152,7 +160,7 @@ ReferencePatch::Fit ReferencePatch::FitBrightness(const Products& products) cons
 std::optional<PatchAlignment> ReferencePatch::Align(const ImagePyramid& image,
                                                     const PatchPose& start) const {
   if (!IsSound(start)) return std::nullopt;
-  const int level_index = LevelFor(start, image.num_levels());
+  const int level_index = PatchLevel(start, image.num_levels());
   const PyramidLevel level = image.Level(level_index);
   const double scale = 1.0 / (1 << level_index);
   const Eigen::Matrix2d start_inverse = start.affine.inverse();
@@ -191,13 +199,17 @@ std::optional<PatchAlignment> ReferencePatch::Align(const ImagePyramid& image,
   return alignment;
 }
 
-std::optional<double> ReferencePatch::Correlation(const ImagePyramid& image,
-                                                  const PatchPose& pose) const {
-  if (!IsSound(pose)) return std::nullopt;
-  const int level = LevelFor(pose, image.num_levels());
-  const auto products = Sample(image.Level(level), pose, 1.0 / (1 << level));
-  if (!products) return std::nullopt;
-  return FitBrightness(*products).correlation;
+float ReferencePatch::Interpolate(const Eigen::Vector2d& patch_point) const {
+  const Eigen::Array2f at = (patch_point.cast<float>() + fraction_)
+                                .array()
+                                .max(-static_cast<float>(kHalfPx))
+                                .min(kHalfPx - 1e-3f) +
+                            static_cast<float>(kHalfPx);
+  const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
+  const float fx = at.x() - x, fy = at.y() - y;
+  const float* row = value_.data() + y * kSide + x;
+  return (1 - fy) * ((1 - fx) * row[0] + fx * row[1]) +
+         fy * ((1 - fx) * row[kSide] + fx * row[kSide + 1]);
 }
 
 }  // namespace portolan

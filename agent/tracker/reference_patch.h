@@ -17,6 +17,12 @@ struct PatchPose {
   Eigen::Matrix2d affine = Eigen::Matrix2d::Identity();
 };
 
+// False if the warp is not finite, mirrors, shrinks, magnifies or shears beyond use.
+bool IsSound(const PatchPose& pose);
+
+// The pyramid level at which a patch at this pose has about its original size.
+int PatchLevel(const PatchPose& pose, int num_levels);
+
 struct PatchAlignment {
   PatchPose pose;
   // Zero-mean normalised cross-correlation with the reference, -1 .. 1.
@@ -48,11 +54,8 @@ class ReferencePatch {
   // leaves the image, the warp degenerates or the iteration diverges.
   std::optional<PatchAlignment> Align(const ImagePyramid& image, const PatchPose& start) const;
 
-  // Correlation at a pose, without alignment; no value if it cannot be sampled.
-  std::optional<double> Correlation(const ImagePyramid& image, const PatchPose& pose) const;
-
-  // Grey value at integer patch coordinates about the point, |x|, |y| <= kHalfPx.
-  float At(int x, int y) const { return value_[(y + kHalfPx) * kSide + x + kHalfPx]; }
+  // Grey value at patch coordinates, bilinear; beyond the edge that of the nearest pixel.
+  float Interpolate(const Eigen::Vector2d& patch_point) const;
 
  private:
   static constexpr int kSide = 2 * kHalfPx + 1;

@@ -1,13 +1,17 @@
 #include "agent/tracker/tracker.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <unordered_map>
 
 #include "absl/strings/str_cat.h"
+#include "agent/tracker/detection_grid.h"
 #include "agent/tracker/image_pyramid.h"
 #include "agent/tracker/patch_flow.h"
+#include "agent/tracker/patch_search.h"
 #include "agent/tracker/reference_patch.h"
 
 namespace portolan {
@@ -19,11 +23,44 @@ constexpr int kLastFlowLevel = 1;
 // A reference seen at another magnification than this is replaced.
 constexpr double kMinAnchorScale = 0.65, kMaxAnchorScale = 2.5;
 
+// How much larger errors are than a residual of independent grey values would have them.
+constexpr double kSigmaInflation = 2.0;
+
 struct TrackState {
   TrackedPoint point;
   ReferencePatch reference;
   Eigen::Matrix2d affine = Eigen::Matrix2d::Identity();  // image from reference
+  // How it moved in the last image beyond the camera's rotation.
+  Eigen::Vector2d last_shift = Eigen::Vector2d::Zero();
+  // Number of the image in which it was not found.
+  int lost_at = 0;
 };
+
+// How a track moved beyond the camera's rotation.
+struct Motion {
+  Eigen::Vector2d from;
+  Eigen::Vector2d shift;
+};
+
+// Median motion of the nearest tracks; no value if there are too few.
+std::optional<Eigen::Vector2d> LocalMotion(const std::vector<Motion>& motions,
+                                           const Eigen::Vector2d& pixel) {
+  constexpr size_t kNeighbours = 5;
+  if (motions.size() < kNeighbours) return std::nullopt;
+  std::vector<std::pair<double, size_t>> nearest;
+  for (size_t i = 0; i < motions.size(); ++i) {
+    nearest.emplace_back((motions[i].from - pixel).squaredNorm(), i);
+  }
+  std::partial_sort(nearest.begin(), nearest.begin() + kNeighbours, nearest.end());
+  std::array<double, kNeighbours> x, y;
+  for (size_t i = 0; i < kNeighbours; ++i) {
+    x[i] = motions[nearest[i].second].shift.x();
+    y[i] = motions[nearest[i].second].shift.y();
+  }
+  std::sort(x.begin(), x.end());
+  std::sort(y.begin(), y.end());
+  return Eigen::Vector2d(x[kNeighbours / 2], y[kNeighbours / 2]);
+}
 
 }  // namespace
 
@@ -32,9 +69,12 @@ class Tracker::Impl {
   Impl(const TrackerOptions& options, const CameraModel& camera)
       : options_(options),
         camera_(camera),
-        detector_(CornerDetector::Create(options.detector)),
-        cell_px_(std::max(8.0, std::sqrt(static_cast<double>(camera.width_px()) *
-                                         camera.height_px() / options.max_points))) {}
+        grid_({.width_px = camera.width_px(),
+               .height_px = camera.height_px(),
+               .cells = options.max_points,
+               .min_distance_cells = options.min_distance_cells,
+               .border_px = options.border_px},
+              CornerDetector::Create(options.detector)) {}
 
   void Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
              const Eigen::Quaterniond& previous_from_current);
@@ -46,93 +86,126 @@ class Tracker::Impl {
   const CameraModel& camera() const { return camera_; }
 
  private:
-  Eigen::Vector2d Rotated(const Eigen::Vector2d& pixel, const Eigen::Quaterniond& rotation) const;
-  bool Advance(const Eigen::Vector2d& start, TrackState* state) const;
+  using TrackMap = std::map<TrackId, TrackState>;
+
+  Eigen::Vector2d Rotated(const Eigen::Vector2d& pixel,
+                          const Eigen::Quaterniond& current_from_previous) const;
+  bool Advance(std::span<const Eigen::Vector2d> starts, TrackState* state) const;
+  void Accept(const PatchAlignment& aligned, TrackState* state) const;
   bool IsUsable(const Eigen::Vector2d& pixel) const {
     return camera_.IsInImage(pixel, options_.border_px);
   }
+  void Lose(TrackMap::iterator it);
+  void DropCollapsed();
   void Publish();
-  void MergeCollapsed();
-  void Lose(TrackId id, TrackState state);
 
   const TrackerOptions options_;
   const CameraModel camera_;
-  const std::unique_ptr<CornerDetector> detector_;
-  const double cell_px_;
+  DetectionGrid grid_;
   uint32_t next_id_ = 0;
+  int image_count_ = 0;
   ImagePyramid previous_;
   ImagePyramid current_;
-  std::map<TrackId, TrackState> tracks_;
-  std::map<TrackId, TrackState> lost_;
+  TrackMap tracks_;
+  TrackMap lost_;
   std::vector<TrackedPoint> points_;
 };
 
 Eigen::Vector2d Tracker::Impl::Rotated(const Eigen::Vector2d& pixel,
                                        const Eigen::Quaterniond& current_from_previous) const {
+  // Also keeps the pixel exact where it is on the rim of an inexact distortion model.
+  if (current_from_previous.vec().squaredNorm() == 0.0) return pixel;
   const auto bearing = camera_.Unproject(pixel);
   if (!bearing) return pixel;
   return camera_.Project(current_from_previous * *bearing).value_or(pixel);
 }
 
-bool Tracker::Impl::Advance(const Eigen::Vector2d& start, TrackState* state) const {
+bool Tracker::Impl::Advance(std::span<const Eigen::Vector2d> starts, TrackState* state) const {
   const Eigen::Vector2d flow =
-      TrackTranslation(previous_, current_, state->point.pixel, start, kLastFlowLevel)
-          .value_or(start);
+      TrackTranslation(previous_, current_, state->point.pixel, starts, kLastFlowLevel)
+          .value_or(starts.front());
   const auto aligned = state->reference.Align(current_, {flow, state->affine});
   if (!aligned || aligned->correlation < options_.min_correlation ||
       !IsUsable(aligned->pose.pixel)) {
     return false;
   }
-  state->point.pixel = aligned->pose.pixel;
-  state->point.sigma_px = std::hypot(options_.base_sigma_px, aligned->sigma_px);
+  Accept(*aligned, state);
   ++state->point.age_frames;
-  state->affine = aligned->pose.affine;
-  const double scale = std::sqrt(state->affine.determinant());
-  if (scale < kMinAnchorScale || scale > kMaxAnchorScale) {
-    if (auto reference = ReferencePatch::Create(current_, state->point.pixel)) {
-      state->reference = *reference;
-      state->affine.setIdentity();
-    }
-  }
   return true;
+}
+
+void Tracker::Impl::Accept(const PatchAlignment& aligned, TrackState* state) const {
+  state->point.pixel = aligned.pose.pixel;
+  state->point.sigma_px = std::hypot(options_.base_sigma_px, kSigmaInflation * aligned.sigma_px);
+  state->affine = aligned.pose.affine;
+  const double scale = std::sqrt(state->affine.determinant());
+  if (scale > kMinAnchorScale && scale < kMaxAnchorScale) return;
+  if (auto reference = ReferencePatch::Create(current_, state->point.pixel)) {
+    state->reference = *reference;
+    state->affine.setIdentity();
+  }
 }
 
 void Tracker::Impl::Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
                           const Eigen::Quaterniond& previous_from_current) {
   std::swap(previous_, current_);
   current_.Build(gray, options_.pyramid_levels);
+  ++image_count_;
   std::unordered_map<TrackId, Eigen::Vector2d> predicted;
   for (const TrackPrediction& p : predictions) {
     if (p.pixel.allFinite()) predicted.emplace(p.track, p.pixel);
   }
   const Eigen::Quaterniond current_from_previous = previous_from_current.conjugate();
-  for (auto it = tracks_.begin(); it != tracks_.end();) {
+  std::vector<Motion> motions;
+  std::vector<TrackMap::iterator> failed;
+  std::vector<Eigen::Vector2d> starts;
+  for (auto it = tracks_.begin(); it != tracks_.end(); ++it) {
     TrackState& state = it->second;
+    const Eigen::Vector2d from = state.point.pixel;
+    const Eigen::Vector2d turned = Rotated(from, current_from_previous);
+    starts.clear();
     const auto prediction = predicted.find(it->first);
-    const Eigen::Vector2d start = prediction != predicted.end()
-                                      ? prediction->second
-                                      : Rotated(state.point.pixel, current_from_previous);
-    if (Advance(start, &state)) {
-      ++it;
+    if (prediction != predicted.end()) starts.push_back(prediction->second);
+    starts.push_back(turned);
+    if (state.point.age_frames > 0) starts.push_back(turned + state.last_shift);
+    if (Advance(starts, &state)) {
+      state.last_shift = state.point.pixel - turned;
+      motions.push_back({from, state.last_shift});
     } else {
-      Lose(it->first, std::move(state));
-      it = tracks_.erase(it);
+      failed.push_back(it);
     }
   }
-  MergeCollapsed();
+  // What was not found from its own start is tried where its neighbours went.
+  for (const TrackMap::iterator it : failed) {
+    TrackState& state = it->second;
+    const auto shift = LocalMotion(motions, state.point.pixel);
+    if (shift) starts = {Rotated(state.point.pixel, current_from_previous) + *shift};
+    if (shift && Advance(starts, &state)) {
+      state.last_shift = *shift;
+    } else {
+      Lose(it);
+    }
+  }
+  DropCollapsed();
   Publish();
 }
 
-void Tracker::Impl::Lose(TrackId id, TrackState state) {
-  lost_.insert_or_assign(id, std::move(state));
-  while (static_cast<int>(lost_.size()) > options_.max_lost) lost_.erase(lost_.begin());
+void Tracker::Impl::Lose(TrackMap::iterator it) {
+  it->second.lost_at = image_count_;
+  lost_.insert_or_assign(it->first, std::move(it->second));
+  tracks_.erase(it);
+  if (static_cast<int>(lost_.size()) <= options_.max_lost) return;
+  lost_.erase(std::min_element(lost_.begin(), lost_.end(), [](const auto& a, const auto& b) {
+    return a.second.lost_at < b.second.lost_at;
+  }));
 }
 
-void Tracker::Impl::MergeCollapsed() {
+void Tracker::Impl::DropCollapsed() {
+  const double limit = options_.merge_distance_px * options_.merge_distance_px;
   for (auto younger = tracks_.begin(); younger != tracks_.end();) {
+    const Eigen::Vector2d& pixel = younger->second.point.pixel;
     const bool collapsed = std::any_of(tracks_.begin(), younger, [&](const auto& older) {
-      return (older.second.point.pixel - younger->second.point.pixel).norm() <
-             options_.merge_distance_px;
+      return (older.second.point.pixel - pixel).squaredNorm() < limit;
     });
     younger = collapsed ? tracks_.erase(younger) : std::next(younger);
   }
@@ -145,47 +218,16 @@ void Tracker::Impl::Publish() {
 
 std::vector<TrackId> Tracker::Impl::Detect() {
   if (current_.empty()) return {};
-  const int columns = static_cast<int>(std::ceil(current_.image().cols / cell_px_));
-  const int rows = static_cast<int>(std::ceil(current_.image().rows / cell_px_));
-  std::vector<bool> occupied(columns * rows, false);
-  for (const auto& [id, state] : tracks_) {
-    const int x = std::clamp(static_cast<int>(state.point.pixel.x() / cell_px_), 0, columns - 1);
-    const int y = std::clamp(static_cast<int>(state.point.pixel.y() / cell_px_), 0, rows - 1);
-    occupied[y * columns + x] = true;
-  }
-  std::vector<Corner> chosen;
-  const double min_distance = options_.min_distance_cells * cell_px_;
-  for (int cell = 0; cell < columns * rows; ++cell) {
-    if (occupied[cell]) continue;
-    const int x0 = static_cast<int>(cell % columns * cell_px_);
-    const int y0 = static_cast<int>(cell / columns * cell_px_);
-    const cv::Rect rect = cv::Rect(x0, y0, std::ceil(cell_px_), std::ceil(cell_px_)) &
-                          cv::Rect(0, 0, current_.image().cols, current_.image().rows);
-    for (const Corner& corner : detector_->Detect(current_.image(), rect)) {
-      const auto near = [&](const Eigen::Vector2d& pixel) {
-        return (pixel - corner.pixel).norm() < min_distance;
-      };
-      if (!IsUsable(corner.pixel)) continue;
-      if (std::any_of(tracks_.begin(), tracks_.end(),
-                      [&](const auto& t) { return near(t.second.point.pixel); }) ||
-          std::any_of(chosen.begin(), chosen.end(),
-                      [&](const Corner& c) { return near(c.pixel); })) {
-        continue;
-      }
-      chosen.push_back(corner);
-      break;
-    }
-  }
-  std::stable_sort(chosen.begin(), chosen.end(),
-                   [](const Corner& a, const Corner& b) { return a.response > b.response; });
-  const int room = std::max<int>(0, options_.max_points - tracks_.size());
-  if (static_cast<int>(chosen.size()) > room) chosen.resize(room);
+  std::vector<Eigen::Vector2d> taken;
+  for (const TrackedPoint& point : points_) taken.push_back(point.pixel);
+  const int room = options_.max_points - static_cast<int>(points_.size());
   std::vector<TrackId> created;
-  for (const Corner& corner : chosen) {
-    auto reference = ReferencePatch::Create(current_, corner.pixel);
+  for (const Corner& corner : grid_.FindCorners(current_.image(), taken, room)) {
+    const auto reference = ReferencePatch::Create(current_, corner.pixel);
     if (!reference) continue;
     const TrackId id(next_id_++);
-    tracks_.emplace(id, TrackState{{id, corner.pixel, options_.base_sigma_px, 0}, *reference});
+    const double sigma = options_.base_sigma_px;
+    tracks_.emplace(id, TrackState{.point = {id, corner.pixel, sigma, 0}, .reference = *reference});
     created.push_back(id);
   }
   Publish();
@@ -198,21 +240,25 @@ void Tracker::Impl::Drop(std::span<const TrackId> tracks) {
 }
 
 std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost) {
+  const PatchSearchOptions search{.min_correlation = options_.min_reacquire_correlation};
   std::vector<TrackId> revived;
   for (const SearchRegion& region : lost) {
     const auto it = lost_.find(region.track);
-    if (it == lost_.end() || !region.pixel.allFinite()) continue;
-    const auto aligned = it->second.reference.Align(current_, {region.pixel, it->second.affine});
-    if (!aligned || aligned->correlation < options_.min_reacquire_correlation) continue;
-    TrackState state = std::move(it->second);
+    if (it == lost_.end()) continue;
+    TrackState& state = it->second;
+    const auto found = SearchPatch(current_, state.reference, {region.pixel, state.affine},
+                                   region.covariance_px2, search);
+    if (!found || !IsUsable(found->pose.pixel)) continue;
+    Accept(*found, &state);
+    state.last_shift.setZero();
+    tracks_.insert_or_assign(it->first, std::move(state));
     lost_.erase(it);
-    state.point.pixel = aligned->pose.pixel;
-    state.affine = aligned->pose.affine;
-    tracks_.insert_or_assign(region.track, std::move(state));
     revived.push_back(region.track);
   }
-  std::sort(revived.begin(), revived.end());
+  DropCollapsed();
   Publish();
+  std::erase_if(revived, [this](const TrackId& id) { return !tracks_.contains(id); });
+  std::sort(revived.begin(), revived.end());
   return revived;
 }
 
