@@ -74,7 +74,7 @@ TEST_F(BundleCovarianceTest, PredictsTheSpreadOfAdjustedPoints) {
   options.function_tolerance = 1e-9;
   options.loss_scale_sigmas = 100;
   options.inverse_depth_prior_relative = 100;
-  const int runs = 200;
+  const int runs = 600;
   double point_nees = 0;
   double camera_nees = 0;
   for (int run = 0; run < runs; ++run) {
@@ -98,7 +98,7 @@ TEST_F(BundleCovarianceTest, PredictsTheSpreadOfAdjustedPoints) {
     camera_nees +=
         d.tail<3>().dot(covariance->Camera(3).bottomRightCorner<3, 3>().inverse() * d.tail<3>());
   }
-  // 99.9 % of chi-square with 600 degrees of freedom, over 200: 2.47 to 3.61.
+  // Wide: the mean of 600 draws of chi-square with 3 degrees of freedom lies in 2.8 to 3.2.
   EXPECT_GT(point_nees / runs, 2.47);
   EXPECT_LT(point_nees / runs, 3.61);
   EXPECT_GT(camera_nees / runs, 2.47);

@@ -1,0 +1,224 @@
+#include "server/map_builder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "tests/support/synthetic_map.h"
+
+namespace portolan {
+namespace {
+
+std::unique_ptr<MapBuilder> MakeBuilder(const MapBuilderOptions& options = {}) {
+  return std::move(MapBuilder::Create(options)).value();
+}
+
+SyntheticSubmapsOptions ThreeAgents() {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 2.6, 5, 1.5}, {2.0, 4.6, 5, 1.4}, {4.0, 6.9, 5, 1.6}};
+  return options;
+}
+
+TEST(MapBuilder, SingleAgentWithoutNoiseIsExact) {
+  SyntheticSubmapsOptions options;
+  options.pixel_sigma = 0;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  const auto snapshot = builder->snapshot();
+  ASSERT_EQ(snapshot->components.size(), 1u);
+  EXPECT_EQ(snapshot->components[0].id, ComponentId(1));
+  EXPECT_LT(KeyframeRms(mission, *snapshot, ComponentId(1)), 2e-4);
+  EXPECT_LT(LandmarkMedianError(mission, *snapshot, ComponentId(1)), 1e-3);
+}
+
+TEST(MapBuilder, SingleAgentWithNoiseBeatsTheDrift) {
+  SyntheticSubmapsOptions options;
+  options.outlier_share = 0.03;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  // 4.5 m of path, half a pixel of noise, no loop.
+  EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.012);
+}
+
+TEST(MapBuilder, LoopIsClosed) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 6.8, 10, 1.5}};
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  EXPECT_GE(builder->snapshot()->closures->size(), 1u);
+  EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.012);
+}
+
+TEST(MapBuilder, ThreeAgentsBecomeOneComponent) {
+  const SyntheticMission mission = MakeSyntheticMission(ThreeAgents());
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  const auto snapshot = builder->snapshot();
+  ASSERT_EQ(snapshot->components.size(), 1u);
+  EXPECT_GE(snapshot->closures->size(), 2u);
+  EXPECT_LT(KeyframeRms(mission, *snapshot, ComponentId(1)), 0.012);
+}
+
+TEST(MapBuilder, LandmarkThatTwoAgentsSawIsOneLandmark) {
+  const SyntheticMission mission = MakeSyntheticMission(ThreeAgents());
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  int shared = 0;
+  int wrong = 0;
+  std::set<LandmarkId> ids;
+  for (const auto& state : builder->snapshot()->submaps) {
+    for (const FusedLandmark& landmark : state->landmarks) {
+      EXPECT_TRUE(ids.insert(landmark.id).second);
+      EXPECT_EQ(landmark.id, LandmarkIdOf(landmark.sights.front()));
+      std::set<int> agents;
+      std::set<int> points;
+      for (const LandmarkSight& sight : landmark.sights) {
+        const int agent = mission.agent_of_submap[sight.submap.value() - 1];
+        agents.insert(agent);
+        points.insert(mission.point_ids_of_tracks[agent].at(sight.track));
+      }
+      shared += agents.size() > 1 ? 1 : 0;
+      wrong += points.size() > 1 ? 1 : 0;
+    }
+  }
+  EXPECT_GE(shared, 30);
+  EXPECT_LE(wrong, shared / 50);
+}
+
+TEST(MapBuilder, AgentsThatNeverMeetStayApart) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 1.0, 3, 1.5}, {3.0, 4.0, 3, 1.5}};
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  EXPECT_EQ(builder->snapshot()->components.size(), 2u);
+  EXPECT_TRUE(builder->snapshot()->closures->empty());
+}
+
+TEST(MapBuilder, RestoredMapContinuesLikeTheUndisturbedOne) {
+  const SyntheticMission mission = MakeSyntheticMission(ThreeAgents());
+  const auto undisturbed = MakeBuilder();
+  IntegrateMission(mission, 0, 9, true, undisturbed.get());
+  const auto restarted = MakeBuilder();
+  restarted->Restore(undisturbed->snapshot());
+  EXPECT_EQ(restarted->snapshot()->version, undisturbed->snapshot()->version);
+  IntegrateMission(mission, 9, 99, true, undisturbed.get());
+  IntegrateMission(mission, 9, 99, true, restarted.get());
+  const auto a = undisturbed->snapshot();
+  const auto b = restarted->snapshot();
+  ASSERT_EQ(a->submaps.size(), b->submaps.size());
+  EXPECT_EQ(a->components.size(), b->components.size());
+  EXPECT_EQ(a->closures->size(), b->closures->size());
+  // The scale of a map without metric sensors is free, and drifts by rounding.
+  std::vector<Eigen::Vector3d> in_a, in_b;
+  for (size_t i = 0; i < a->submaps.size(); ++i) {
+    EXPECT_EQ(a->submaps[i]->component, b->submaps[i]->component);
+    for (const Rigid3& pose : a->submaps[i]->world_from_camera) in_a.push_back(pose.translation);
+    for (const Rigid3& pose : b->submaps[i]->world_from_camera) in_b.push_back(pose.translation);
+  }
+  EXPECT_LT(AlignedRms(in_a, in_b), 0.002);
+}
+
+TEST(MapBuilder, RepeatsToTheLastBit) {
+  const SyntheticMission mission = MakeSyntheticMission(ThreeAgents());
+  const auto first = MakeBuilder();
+  const auto second = MakeBuilder();
+  IntegrateMission(mission, 0, 6, true, first.get());
+  IntegrateMission(mission, 0, 6, true, second.get());
+  const auto a = first->snapshot();
+  const auto b = second->snapshot();
+  ASSERT_EQ(a->submaps.size(), b->submaps.size());
+  for (size_t i = 0; i < a->submaps.size(); ++i) {
+    for (size_t k = 0; k < a->submaps[i]->world_from_camera.size(); ++k) {
+      EXPECT_EQ(a->submaps[i]->world_from_camera[k].translation,
+                b->submaps[i]->world_from_camera[k].translation);
+    }
+    EXPECT_EQ(a->submaps[i]->landmarks.size(), b->submaps[i]->landmarks.size());
+  }
+}
+
+TEST(MapBuilder, HoverInTheMiddleDoesNotTearTheMap) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 1.2, 3, 1.5}, {1.2, 1.9, 2, 0.02}};
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  for (const auto& state : builder->snapshot()->submaps) {
+    for (const Rigid3& pose : state->world_from_camera) {
+      EXPECT_TRUE(pose.translation.allFinite());
+      EXPECT_LT(pose.translation.norm(), 10);
+    }
+  }
+}
+
+TEST(MapBuilder, MetricSubmapsKeepTheirScale) {
+  SyntheticSubmapsOptions options = ThreeAgents();
+  options.metric = true;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  const auto snapshot = builder->snapshot();
+  ASSERT_EQ(snapshot->components.size(), 1u);
+  EXPECT_TRUE(snapshot->components[0].metric);
+  EXPECT_LT(KeyframeRms(mission, *snapshot, ComponentId(1), false), 0.02);
+}
+
+TEST(MapBuilder, QuarantinedSubmapIsKeptAlone) {
+  SyntheticSubmapsOptions options;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 2, true, builder.get());
+  Submap broken = *mission.submaps[2].submap;
+  for (Keyframe& keyframe : broken.keyframes) keyframe.observations.resize(3);
+  builder->IntegrateSubmap({SubmapId(3), std::make_shared<Submap>(broken), mission.camera});
+  IntegrateMission(mission, 3, 99, true, builder.get());
+  const auto snapshot = builder->snapshot();
+  ASSERT_EQ(snapshot->submaps.size(), 5u);
+  EXPECT_NE(snapshot->submaps[2]->refined->quarantine_reason, "");
+  EXPECT_EQ(snapshot->submaps[2]->component, ComponentId(3));
+  EXPECT_TRUE(snapshot->submaps[2]->landmarks.empty());
+  EXPECT_EQ(snapshot->submaps[3]->component, snapshot->submaps[4]->component);
+}
+
+TEST(MapBuilder, InterruptedWorkIsContinued) {
+  const SyntheticMission mission = MakeSyntheticMission(SyntheticSubmapsOptions());
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, false, builder.get());
+  const std::atomic<bool> at_once = true;
+  builder->RunBackgroundWork(at_once);
+  EXPECT_TRUE(builder->HasBackgroundWork());
+  Polish(builder.get());
+  EXPECT_FALSE(builder->HasBackgroundWork());
+  EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.012);
+}
+
+TEST(MapBuilder, SameSubmapTwiceIsIgnored) {
+  const SyntheticMission mission = MakeSyntheticMission(SyntheticSubmapsOptions());
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 2, false, builder.get());
+  const auto before = builder->snapshot();
+  IntegrateMission(mission, 1, 2, false, builder.get());
+  EXPECT_EQ(builder->snapshot(), before);
+  EXPECT_EQ(builder->stage_times().refine.count, 2);
+}
+
+TEST(MapBuilder, OnlyTouchedSubmapsAreNewInASnapshot) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 1.0, 3, 1.5}, {3.0, 4.0, 3, 1.5}};
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 5, true, builder.get());
+  const auto before = builder->snapshot();
+  IntegrateMission(mission, 5, 6, false, builder.get());
+  const auto after = builder->snapshot();
+  EXPECT_EQ(after->version, before->version + 1);
+  EXPECT_EQ(after->submaps[0], before->submaps[0]);
+  EXPECT_EQ(after->submaps[5]->moved_at_version, after->version);
+}
+
+}  // namespace
+}  // namespace portolan
