@@ -4,6 +4,7 @@
 
 #include <cstdint>
 
+#include "agent/filter/kalman_update.h"
 #include "common/base/status.h"
 
 namespace portolan {
@@ -35,8 +36,12 @@ struct FilterOptions {
   // Only matches inside this chi-square(2) region of their prediction (99.99 %; the search of the
   // tracker is narrower) may make or support a hypothesis; the others can only be rescued.
   double prior_gate_chi2 = 18.42;
-  // Support of a one-point hypothesis: squared residual over sigma_px^2 (95 % of chi-square(2)).
-  double low_innovation_chi2 = 5.99;
+  // Support of a hypothesis: squared residual in the covariance that is left given the hypothesis
+  // (99 % of chi-square(2)).
+  double low_innovation_chi2 = 9.21;
+  // A hypothesis takes up to three matches until the variance that it leaves to the median match
+  // is below this many times the pixel noise.
+  double ransac_conditional_variance = 9.0;
   // Rescue after the low-innovation update, 99 % of chi-square(2).
   double rescue_chi2 = 9.21;
   // Chance that at least one hypothesis is drawn from an inlier.
@@ -47,6 +52,8 @@ struct FilterOptions {
   // fault, not the matches: its process noise is raised by manoeuvre_noise_factor, once.
   double manoeuvre_gate_share = 0.5;
   double manoeuvre_noise_factor = 4.0;
+
+  KalmanUpdateOptions kalman;
 
   // Divergence is declared over a window of frames: mean normalised innovation squared per degree
   // of freedom of the inliers above the limit (1 is expected), or share of inliers among the

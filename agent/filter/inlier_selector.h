@@ -12,12 +12,6 @@
 
 namespace portolan {
 
-// A match, its landmark and its linearisation at the predicted state.
-struct Match {
-  int landmark = 0;  // index into FilterState::landmarks()
-  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-};
-
 struct InlierSet {
   std::vector<int> matches;  // ascending
   int hypotheses = 0;
@@ -36,10 +30,13 @@ class InlierSelector {
 
 std::unique_ptr<InlierSelector> MakeInlierSelector(const FilterOptions& options);
 
-// Low-innovation inliers of 1-point RANSAC (Civera, Grasa, Davison, Montiel, JFR 2010, Alg. 1): a
-// hypothesis is the state updated with a single match; its support are the matches whose residual
-// at that state is within the measurement noise. The number of hypotheses adapts to the best
-// share of inliers found. Matches are drawn without repetition.
+// 1-point RANSAC (Civera, Grasa, Davison, Montiel, JFR 2010, Alg. 1) with two changes. A hypothesis
+// is the state updated with one match; while that leaves the other matches less certain than
+// ransac_conditional_sigma_px (at the start, after a jerk, at low frame rates), a second and third
+// match join it, since a single one cannot tell turn from translation. And the support is counted
+// with the covariance of the innovations given the hypothesis, not with the pixel noise alone: both
+// agree for well known landmarks, but new ones are not selected by the luck of their prior depth.
+// The number of hypotheses adapts to the best share of inliers found.
 class OnePointRansac : public InlierSelector {
  public:
   explicit OnePointRansac(const FilterOptions& options);
@@ -48,11 +45,36 @@ class OnePointRansac : public InlierSelector {
                    const CameraModel& camera) override;
 
  private:
+  static constexpr int kMaxPoints = 3;
+  struct Problem {
+    std::span<const Match> matches;
+    std::span<const LinearMeasurement> linear;
+    const Eigen::Ref<const Eigen::MatrixXd>& pht;
+    const FilterState& state;
+    const CameraModel& camera;
+  };
+
+  void DrawHypothesis(const Problem& problem);
+  void AddPoint(const Problem& problem, int point);
+  // Covariance of the innovation of match j, noise included, given the hypothesis.
+  Eigen::Matrix2d ConditionalCovariance(int j) const;
+  bool IsDetermined(const Problem& problem);
+  void FindSupport(const Problem& problem);
   int HypothesesNeeded(double inlier_share) const;
 
   const FilterOptions options_;
   std::mt19937_64 random_;
+  std::vector<Eigen::Matrix2d> prior_covariances_;
+  // The hypothesis: its points, and with S = L L' of their innovations v: L^-1 v, the rows
+  // H_j P H' L^-T of every match and P H' L^-T of the state.
+  int points_[kMaxPoints] = {};
+  int size_ = 0;
+  Eigen::Matrix<double, 2 * kMaxPoints, 1> whitened_innovation_;
+  std::vector<Eigen::Matrix<double, 2, 2 * kMaxPoints>> whitened_rows_;
+  Eigen::Matrix<double, Eigen::Dynamic, 2 * kMaxPoints> whitened_gain_;
   Eigen::VectorXd correction_;
+  std::vector<int> support_;
+  std::vector<double> variances_;
 };
 
 // Takes every match inside the prior gate.

@@ -59,8 +59,10 @@ std::optional<Eigen::Vector2d> ProjectLandmark(const Landmark& landmark,
     projection->d_pixel_d_camera.leftCols<3>() = -d_pixel_d_submap;
     projection->d_pixel_d_landmark = d_pixel_d_submap;
     projection->d_pixel_d_anchor.setZero();
+    projection->d_pixel_d_shift.setZero();
     return pixel;
   }
+  projection->d_pixel_d_shift = d_pixel_d_submap;
   projection->d_pixel_d_anchor = landmark.inverse_depth * d_pixel_d_submap;
   projection->d_pixel_d_camera.leftCols<3>() = -projection->d_pixel_d_anchor;
   projection->d_pixel_d_landmark.leftCols<2>() =

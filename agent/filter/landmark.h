@@ -45,6 +45,8 @@ struct LandmarkProjection {
   Matrix26d d_pixel_d_camera = Matrix26d::Zero();
   Matrix23d d_pixel_d_landmark = Matrix23d::Zero();
   Matrix23d d_pixel_d_anchor = Matrix23d::Zero();
+  // Rays only, else zero: d_pixel_d_anchor over the inverse depth.
+  Matrix23d d_pixel_d_shift = Matrix23d::Zero();
 };
 
 // The direction in which a camera sees the landmark, not normalised: the point in the camera frame

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "agent/filter/constant_velocity_model.h"
 #include "common/base/check.h"
 
 namespace portolan {
@@ -27,7 +28,9 @@ StatusOr<std::unique_ptr<LocalFilter>> LocalFilter::Create(const FilterOptions& 
                                                            const CameraModel& camera,
                                                            std::unique_ptr<MotionModel> motion) {
   PORTOLAN_RETURN_IF_ERROR(options.Validate());
-  if (motion == nullptr) return absl::InvalidArgumentError("filter: no motion model");
+  if (motion == nullptr) {
+    motion = std::make_unique<ConstantVelocityModel>(ConstantVelocityOptions{});
+  }
   return std::unique_ptr<LocalFilter>(new LocalFilter(options, camera, std::move(motion)));
 }
 
@@ -36,7 +39,7 @@ LocalFilter::LocalFilter(const FilterOptions& options, const CameraModel& camera
     : options_(options),
       camera_(camera),
       state_(std::move(motion), options.max_landmarks),
-      kalman_(state_.max_dim(), options.max_landmarks),
+      kalman_(options.kalman, state_.max_dim(), options.max_landmarks),
       selector_(MakeInlierSelector(options)),
       median_inverse_depth_(options.first_inverse_depth) {
   candidates_.reserve(options.max_landmarks);
@@ -61,10 +64,10 @@ bool LocalFilter::Predict(Timestamp time) {
 std::vector<PredictedMeasurement> LocalFilter::PredictMeasurements() const {
   std::vector<PredictedMeasurement> result;
   result.reserve(state_.landmarks().size());
-  for (const Landmark& landmark : state_.landmarks()) {
-    const auto linear = Linearise(state_, landmark, camera_, Eigen::Vector2d::Zero(), 1.0);
+  for (int i = 0; i < landmark_count(); ++i) {
+    const auto linear = Linearise(state_, camera_, {i, Eigen::Vector2d::Zero(), 1.0});
     if (!linear.has_value() || !camera_.IsInImage(-linear->innovation)) continue;
-    result.push_back({landmark.track, -linear->innovation,
+    result.push_back({state_.landmarks()[i].track, -linear->innovation,
                       PredictedCovariance(state_, *linear) + Eigen::Matrix2d::Identity()});
   }
   return result;
@@ -80,7 +83,7 @@ UpdateResult LocalFilter::Update(std::span<const Measurement> measurements) {
     gated = GateMatches();
   }
   noise_is_fresh_ = false;
-  const double sum = UpdateLowInnovation(gated, &result) + UpdateRescued(&result);
+  const double sum = UpdateLowInnovation(gated, &result) + UpdateRescued();
   for (const Candidate& candidate : candidates_) {
     (candidate.used ? result.inliers : result.outliers).push_back(candidate.track);
   }
@@ -107,16 +110,14 @@ void LocalFilter::FindMatches(std::span<const Measurement> measurements, UpdateR
     }
     Candidate candidate;
     candidate.track = measurement.track;
-    candidate.match = {index, measurement.pixel};
-    candidate.variance = measurement.sigma_px * measurement.sigma_px;
+    candidate.match = {index, measurement.pixel, measurement.sigma_px * measurement.sigma_px};
     candidates_.push_back(candidate);
   }
 }
 
 int LocalFilter::GateMatches() {
   const auto inside = [&](Candidate& candidate) {
-    const auto linear = Linearise(state_, state_.landmarks()[candidate.match.landmark], camera_,
-                                  candidate.match.pixel, candidate.variance);
+    const auto linear = Linearise(state_, camera_, candidate.match);
     if (!linear.has_value()) return false;
     candidate.linear = *linear;
     return Innovation(state_, *linear) < options_.prior_gate_chi2;
@@ -134,32 +135,33 @@ double LocalFilter::UpdateLowInnovation(int gated, UpdateResult* result) {
     linear_.push_back(candidates_[i].linear);
   }
   kalman_.ComputePHt(state_, linear_);
-  const InlierSet inliers = selector_->Select(
-      matches_, linear_, kalman_.pht(gated).topRows(state_.dim()), state_, camera_);
+  const InlierSet inliers =
+      selector_->Select(matches_, linear_, kalman_.pht(state_.dim(), gated), state_, camera_);
   result->ransac_hypotheses = inliers.hypotheses;
-  linear_.clear();
-  for (int i : inliers.matches) linear_.push_back(candidates_[i].linear);
-  const auto sum = kalman_.Apply(linear_, &state_);
-  if (!sum.has_value()) return 0;
   for (int i : inliers.matches) candidates_[i].used = true;
-  return *sum;
+  return UpdateWithUsed(0);
 }
 
-double LocalFilter::UpdateRescued(UpdateResult*) {
-  linear_.clear();
-  std::vector<Candidate*> rescued;
-  for (Candidate& candidate : candidates_) {
-    if (candidate.used) continue;
-    const auto linear = Linearise(state_, state_.landmarks()[candidate.match.landmark], camera_,
-                                  candidate.match.pixel, candidate.variance);
-    if (!linear.has_value() || Innovation(state_, *linear) > options_.rescue_chi2) continue;
-    linear_.push_back(*linear);
-    rescued.push_back(&candidate);
+double LocalFilter::UpdateRescued() {
+  // Those already used go to the front, so that the update takes the rest.
+  const auto rest = std::stable_partition(candidates_.begin(), candidates_.end(),
+                                          [](const Candidate& c) { return c.used; });
+  for (auto candidate = rest; candidate != candidates_.end(); ++candidate) {
+    const auto linear = Linearise(state_, camera_, candidate->match);
+    candidate->used = linear && Innovation(state_, *linear) < options_.rescue_chi2;
   }
-  const auto sum = kalman_.Apply(linear_, &state_);
-  if (!sum.has_value()) return 0;
-  for (Candidate* candidate : rescued) candidate->used = true;
-  return *sum;
+  return UpdateWithUsed(rest - candidates_.begin());
+}
+
+double LocalFilter::UpdateWithUsed(int first) {
+  matches_.clear();
+  for (size_t i = first; i < candidates_.size(); ++i) {
+    if (candidates_[i].used) matches_.push_back(candidates_[i].match);
+  }
+  const auto sum = kalman_.Apply(matches_, camera_, &state_);
+  if (sum.has_value()) return *sum;
+  for (size_t i = first; i < candidates_.size(); ++i) candidates_[i].used = false;
+  return 0;
 }
 
 void LocalFilter::MaintainLandmarks(UpdateResult* result) {

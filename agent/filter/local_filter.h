@@ -25,7 +25,8 @@ namespace portolan {
 // equal states.
 class LocalFilter {
  public:
-  // InvalidArgument if an option is out of range.
+  // InvalidArgument if an option is out of range. Without a motion model the camera is taken to
+  // move at constant velocity, with the default noise.
   static StatusOr<std::unique_ptr<LocalFilter>> Create(const FilterOptions& options,
                                                        const CameraModel& camera,
                                                        std::unique_ptr<MotionModel> motion);
@@ -88,9 +89,12 @@ class LocalFilter {
   void FindMatches(std::span<const Measurement> measurements, UpdateResult* result);
   // Moves the matches inside the prior gate to the front; returns their number.
   int GateMatches();
-  // Updates with the low-innovation inliers; marks them in used_. Returns v' S^-1 v.
+  // Updates with the low-innovation inliers among the gated; returns v' S^-1 v.
   double UpdateLowInnovation(int gated, UpdateResult* result);
-  double UpdateRescued(UpdateResult* result);
+  // Updates with those of the rest that fit now.
+  double UpdateRescued();
+  // Updates with the used candidates from `first` on; unmarks them if that fails.
+  double UpdateWithUsed(int first);
   // Drops impossible depths and converts the rays whose depth has become linear.
   void MaintainLandmarks(UpdateResult* result);
   void UpdateMedianInverseDepth();
@@ -99,7 +103,6 @@ class LocalFilter {
   struct Candidate {
     TrackId track;
     Match match;
-    double variance = 1;
     LinearMeasurement linear;
     bool used = false;
   };

@@ -5,16 +5,11 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include "agent/image_source/samples.h"
 #include "common/base/time.h"
 #include "common/geometry/rigid3.h"
 
 namespace portolan {
-
-struct ImuSample {
-  Timestamp time{};
-  Eigen::Vector3d gyro_rad_s = Eigen::Vector3d::Zero();
-  Eigen::Vector3d accel_m_s2 = Eigen::Vector3d::Zero();
-};
 
 // Holds the nominal motion state (pose, velocities, biases, ...) and propagates it. The filter
 // owns the covariance. The error state of every model starts with the six pose components
