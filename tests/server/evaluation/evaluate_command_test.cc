@@ -69,7 +69,7 @@ TEST_F(EvaluateCommand, PrintsJsonForSeveralAgents) {
               AllOf(HasSubstr(R"("alignment": "se3")"), HasSubstr(R"("name": "left")"),
                     HasSubstr(R"("name": "b.tum")"),
                     HasSubstr(R"("joint": {"poses": 100, "matched": 100, "coverage": 1,)"),
-                    testing::ContainsRegex("\"scale_error\": 0\.(1|0999999|1000000)")));
+                    testing::ContainsRegex("\"scale_error\": 0[.](1|0999999)")));
 }
 
 TEST_F(EvaluateCommand, StampsSetWhatCoverageCounts) {
