@@ -1,0 +1,102 @@
+#include "agent/image_source/sample_files.h"
+
+#include <algorithm>
+#include <string>
+
+#include "agent/image_source/text_lines.h"
+#include "common/base/concat.h"
+#include "common/base/logging.h"
+
+namespace portolan {
+namespace {
+
+// No vehicle turns or accelerates like this; such a number is a broken line.
+constexpr double kMaxGyroRadS = 200;
+constexpr double kMaxAccelMS2 = 4000;
+constexpr double kMaxPositionM = 1e7;
+
+// The numbers of fields first .. first + size - 1, each of at most `limit`.
+StatusOr<std::vector<double>> ParseNumbers(const std::vector<std::string>& fields, size_t first,
+                                           size_t size, double limit) {
+  std::vector<double> numbers(size);
+  for (size_t i = 0; i < size; ++i) {
+    PORTOLAN_ASSIGN_OR_RETURN(numbers[i], ParseNumber(fields[first + i]));
+    if (std::abs(numbers[i]) > limit) {
+      return absl::InvalidArgumentError(
+          Concat("field ", first + i + 1, " is ", numbers[i], ", beyond ", limit));
+    }
+  }
+  return numbers;
+}
+
+StatusOr<ImuSample> ParseImu(const std::vector<std::string>& fields) {
+  if (fields.size() < 7) {
+    return absl::InvalidArgumentError(Concat("expected 7 fields, got ", fields.size()));
+  }
+  ImuSample sample;
+  PORTOLAN_ASSIGN_OR_RETURN(sample.time, ParseNanoseconds(fields[0]));
+  PORTOLAN_ASSIGN_OR_RETURN(const auto gyro, ParseNumbers(fields, 1, 3, kMaxGyroRadS));
+  PORTOLAN_ASSIGN_OR_RETURN(const auto accel, ParseNumbers(fields, 4, 3, kMaxAccelMS2));
+  sample.gyro_rad_s << gyro[0], gyro[1], gyro[2];
+  sample.accel_m_s2 << accel[0], accel[1], accel[2];
+  return sample;
+}
+
+StatusOr<OdometrySample> ParseOdometry(const std::vector<std::string>& fields) {
+  if (fields.size() != 4 && fields.size() != 8) {
+    return absl::InvalidArgumentError(
+        Concat("expected 4 fields (planar) or 8, got ", fields.size()));
+  }
+  OdometrySample sample;
+  PORTOLAN_ASSIGN_OR_RETURN(sample.time, ParseNanoseconds(fields[0]));
+  PORTOLAN_ASSIGN_OR_RETURN(const auto numbers,
+                            ParseNumbers(fields, 1, fields.size() - 1, kMaxPositionM));
+  if (fields.size() == 4) {
+    sample.odometry_from_body.translation << numbers[0], numbers[1], 0;
+    sample.odometry_from_body.rotation = RotationExp({0, 0, numbers[2]});
+    return sample;
+  }
+  sample.odometry_from_body.translation << numbers[0], numbers[1], numbers[2];
+  const Eigen::Quaterniond q(numbers[3], numbers[4], numbers[5], numbers[6]);
+  if (std::abs(q.norm() - 1) > 1e-2) {
+    return absl::InvalidArgumentError(Concat("quaternion of length ", q.norm()));
+  }
+  sample.odometry_from_body.rotation = q.normalized();
+  return sample;
+}
+
+template <typename Sample>
+StatusOr<std::vector<Sample>> ReadSamples(
+    const std::filesystem::path& path,
+    StatusOr<Sample> (*parse)(const std::vector<std::string>& fields)) {
+  std::vector<Sample> samples;
+  PORTOLAN_RETURN_IF_ERROR(ForEachLine(path, [&](const std::vector<std::string>& fields) -> Status {
+    PORTOLAN_ASSIGN_OR_RETURN(Sample sample, parse(fields));
+    samples.push_back(std::move(sample));
+    return absl::OkStatus();
+  }));
+  const auto earlier = [](const Sample& a, const Sample& b) { return a.time < b.time; };
+  if (!std::is_sorted(samples.begin(), samples.end(), earlier)) {
+    LogWarning(path, ": samples are not in order of time; sorted");
+    std::stable_sort(samples.begin(), samples.end(), earlier);
+  }
+  const auto same = [](const Sample& a, const Sample& b) { return a.time == b.time; };
+  const auto end = std::unique(samples.begin(), samples.end(), same);
+  if (end != samples.end()) {
+    LogWarning(path, ": ", samples.end() - end, " samples repeat a time; left out");
+    samples.erase(end, samples.end());
+  }
+  return samples;
+}
+
+}  // namespace
+
+StatusOr<std::vector<ImuSample>> ReadImuCsv(const std::filesystem::path& path) {
+  return ReadSamples<ImuSample>(path, ParseImu);
+}
+
+StatusOr<std::vector<OdometrySample>> ReadOdometryCsv(const std::filesystem::path& path) {
+  return ReadSamples<OdometrySample>(path, ParseOdometry);
+}
+
+}  // namespace portolan

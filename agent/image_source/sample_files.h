@@ -1,0 +1,24 @@
+// Files of IMU and odometry samples.
+#ifndef PORTOLAN_AGENT_IMAGE_SOURCE_SAMPLE_FILES_H_
+#define PORTOLAN_AGENT_IMAGE_SOURCE_SAMPLE_FILES_H_
+
+#include <filesystem>
+#include <vector>
+
+#include "agent/image_source/samples.h"
+#include "common/base/status.h"
+
+namespace portolan {
+
+// EuRoC order: time [ns], angular rate x y z [rad/s], specific force x y z [m/s^2]. The result has
+// strictly increasing times: lines out of order are sorted, repeated times kept once, with a
+// warning. A line with a field too few, NaN or a wild number is an InvalidArgument that names it.
+StatusOr<std::vector<ImuSample>> ReadImuCsv(const std::filesystem::path& path);
+
+// time [ns], x, y [m], heading [rad] (planar) or time [ns], x, y, z [m], qw, qx, qy, qz. Order and
+// errors as above.
+StatusOr<std::vector<OdometrySample>> ReadOdometryCsv(const std::filesystem::path& path);
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_IMAGE_SOURCE_SAMPLE_FILES_H_
