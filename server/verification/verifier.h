@@ -9,10 +9,46 @@
 #include "common/base/status.h"
 #include "server/refinement/refined_submap.h"
 #include "server/verification/closure.h"
+#include "server/verification/descriptor_matcher.h"
+#include "server/verification/guided_matcher.h"
+#include "server/verification/pair_evidence.h"
+#include "server/verification/rivals.h"
+#include "server/verification/similarity_ransac.h"
 
 namespace portolan {
 
 struct VerifierOptions {
+  // Features used of a keyframe; bounds time against hostile or odd submaps.
+  int max_features = 1500;
+  DescriptorMatcherOptions matcher;
+  PairEvidenceOptions evidence;
+  // max_iterations, max_scale, seed; the scale is fixed by the submaps, not here.
+  SimilarityRansacOptions ransac;
+  GuidedMatcherOptions guided;
+  RivalOptions rivals;
+
+  // Acceptance. The figures behind the defaults are in README.md.
+  // Evidence, in nats, of the putative matches for the hypothesis (see pair_evidence.h).
+  double min_evidence = 140.0;
+  // Matched points after guided matching; of these, with a landmark on both sides.
+  int min_inliers = 20;
+  int min_landmark_matches = 15;
+  // Inliers among the matches that guided matching found, and those among the landmarks that
+  // should be visible.
+  double min_inlier_share = 0.5;
+  double min_visible_share = 0.25;
+  // Cells of an 8 x 6 grid over the image that inliers occupy, in each submap's best keyframe.
+  int min_cells = 8;
+  // A rival (see rivals.h) must have less than this share of the winner's evidence.
+  double max_rival_share = 0.5;
+  // Standard deviations of the result: rotation, logarithm of the scale, and translation relative
+  // to the median distance of the matched points.
+  double max_rotation_sigma_rad = 0.02;
+  double max_log_scale_sigma = 0.1;
+  double max_relative_translation_sigma = 0.05;
+  // Between the directions of gravity, where both submaps know them.
+  double max_gravity_error_rad = 0.15;
+
   Status Validate() const;
 };
 
@@ -22,7 +58,16 @@ struct VerificationReport {
   std::string refusal;
   int putative_matches = 0;
   int ransac_inliers = 0;
+  double evidence = 0;
   int inliers = 0;
+  int landmark_matches = 0;
+  double inlier_share = 0;
+  double visible_share = 0;
+  int cells = 0;  // the smaller of both sides
+  double rival_share = 0;
+  double rotation_sigma_rad = 0;
+  double log_scale_sigma = 0;
+  double relative_translation_sigma = 0;
 };
 
 // Thread rule: immutable after creation, hence thread-safe. Deterministic: the answer depends on
