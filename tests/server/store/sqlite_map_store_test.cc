@@ -7,6 +7,7 @@
 
 #include "tests/server/store/faulty_vfs.h"
 #include "tests/server/store/store_test_util.h"
+#include "tests/support/temp_dir.h"
 
 namespace portolan {
 namespace {
@@ -24,7 +25,7 @@ using ::testing::SizeIs;
 
 class SqliteMapStoreTest : public ::testing::Test {
  protected:
-  std::string path() const { return directory_.File("map.portolan"); }
+  std::string path() const { return (directory_ / "map.portolan").string(); }
 
   std::unique_ptr<SqliteMapStore> Open() {
     auto store = SqliteMapStore::Open(path());
@@ -61,7 +62,7 @@ class SqliteMapStoreTest : public ::testing::Test {
     return snapshot;
   }
 
-  testing::TemporaryDirectory directory_;
+  TempDir directory_;
 };
 
 TEST_F(SqliteMapStoreTest, NewFileIsEmpty) {

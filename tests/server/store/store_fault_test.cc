@@ -7,6 +7,7 @@
 #include "server/store/sqlite_map_store.h"
 #include "tests/server/store/faulty_vfs.h"
 #include "tests/server/store/store_test_util.h"
+#include "tests/support/temp_dir.h"
 
 namespace portolan {
 namespace {
@@ -22,7 +23,7 @@ class StoreFaultTest : public ::testing::TestWithParam<FaultyVfs::Fault> {
   StoreFaultTest() { FaultyVfs::Heal(); }
   ~StoreFaultTest() override { FaultyVfs::Heal(); }
 
-  std::string path() const { return directory_.File("map.portolan"); }
+  std::string path() const { return (directory_ / "map.portolan").string(); }
   std::unique_ptr<SqliteMapStore> OpenFaulty() {
     SqliteMapStoreOptions options;
     options.vfs = FaultyVfs::name();
@@ -34,17 +35,17 @@ class StoreFaultTest : public ::testing::TestWithParam<FaultyVfs::Fault> {
     return (*SqliteMapStore::Open(path()))->Load(DecodeTestSubmap)->submaps.size();
   }
 
-  testing::TemporaryDirectory directory_;
+  TempDir directory_;
 };
 
 // Whatever operation of a commit fails: what was acknowledged is there, what was not may be
 // there or not, and the store takes no more writes.
 TEST_P(StoreFaultTest, FailedCommitIsReportedAndEndsWriting) {
   for (int fail_after = 0; fail_after < 4; ++fail_after) {
-    const testing::TemporaryDirectory directory;
+    const TempDir directory;
     SqliteMapStoreOptions options;
     options.vfs = FaultyVfs::name();
-    auto store = *SqliteMapStore::Open(directory.File("map"), options);
+    auto store = *SqliteMapStore::Open((directory / "map").string(), options);
     ASSERT_TRUE(store->AddSession(MakeSession("a", 1)).ok());
     ASSERT_TRUE(store->AppendSubmaps({MakeSubmap("a", 1, 0)}).ok());
     FaultyVfs::FailAfter(fail_after, GetParam());
@@ -56,7 +57,7 @@ TEST_P(StoreFaultTest, FailedCommitIsReportedAndEndsWriting) {
     EXPECT_TRUE(absl::IsFailedPrecondition(store->AppendSubmaps({MakeSubmap("a", 1, 1)}).status()));
     EXPECT_TRUE(absl::IsFailedPrecondition(store->SaveSnapshot({})));
     store.reset();
-    auto reopened = *SqliteMapStore::Open(directory.File("map"));
+    auto reopened = *SqliteMapStore::Open((directory / "map").string());
     const auto map = reopened->Load(DecodeTestSubmap);
     ASSERT_TRUE(map.ok()) << map.status();
     ASSERT_GE(map->submaps.size(), 1u);
@@ -101,8 +102,8 @@ INSTANTIATE_TEST_SUITE_P(Faults, StoreFaultTest,
 }
 
 TEST(StoreCrashTest, EverySubmapAcknowledgedBeforeSigkillIsThereOnce) {
-  const testing::TemporaryDirectory directory;
-  const std::string path = directory.File("map");
+  const TempDir directory;
+  const std::string path = (directory / "map").string();
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);
   const pid_t child = fork();

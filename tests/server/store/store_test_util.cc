@@ -1,9 +1,7 @@
 #include "tests/server/store/store_test_util.h"
 
 #include <gtest/gtest.h>
-#include <stdlib.h>
 
-#include <filesystem>
 #include <random>
 
 #include "absl/strings/numbers.h"
@@ -58,16 +56,6 @@ void ExpectSameState(const SubmapState& actual, const SubmapState& expected) {
 }
 
 }  // namespace
-
-TemporaryDirectory::TemporaryDirectory() {
-  std::string pattern = (std::filesystem::temp_directory_path() / "portolan_XXXXXX").string();
-  path_ = mkdtemp(pattern.data());
-}
-
-TemporaryDirectory::~TemporaryDirectory() {
-  std::error_code error;
-  std::filesystem::remove_all(path_, error);
-}
 
 SessionRecord MakeSession(const std::string& agent, uint64_t session) {
   SessionRecord record;

@@ -1,4 +1,4 @@
-// Small submaps, map states and temporary files for the tests of the store.
+// Small submaps and map states for the tests of the store.
 #ifndef PORTOLAN_TESTS_SERVER_STORE_STORE_TEST_UTIL_H_
 #define PORTOLAN_TESTS_SERVER_STORE_STORE_TEST_UTIL_H_
 
@@ -10,20 +10,6 @@
 #include "server/store/map_store.h"
 
 namespace portolan::testing {
-
-// A directory of its own for one test, removed with everything in it on destruction.
-class TemporaryDirectory {
- public:
-  TemporaryDirectory();
-  ~TemporaryDirectory();
-  TemporaryDirectory(const TemporaryDirectory&) = delete;
-  TemporaryDirectory& operator=(const TemporaryDirectory&) = delete;
-
-  std::string File(const std::string& name) const { return path_ + "/" + name; }
-
- private:
-  std::string path_;
-};
 
 SessionRecord MakeSession(const std::string& agent, uint64_t session);
 

@@ -1,0 +1,142 @@
+// trajectory, export: the map in the formats of other programs.
+#include <cstdlib>
+#include <iostream>
+#include <limits>
+
+#include "common/base/concat.h"
+#include "server/cli/command.h"
+#include "server/cli/exports.h"
+
+namespace portolan {
+namespace {
+
+// Without a component, poses of several worlds would end up in one file.
+void WarnOfSeveralComponents(const std::vector<v1::TrajectorySegment>& segments) {
+  for (const v1::TrajectorySegment& segment : segments) {
+    if (segment.component_id() == segments.front().component_id()) continue;
+    std::cerr << "portolan: the trajectory lies in several components, each with a world of its "
+                 "own; choose one with --component\n";
+    return;
+  }
+}
+
+Status PrintSegmentsAsJson(const std::vector<v1::TrajectorySegment>& segments,
+                           const std::string& path) {
+  std::string text = "[";
+  for (const v1::TrajectorySegment& segment : segments) {
+    PORTOLAN_ASSIGN_OR_RETURN(const std::string json, ToJson(segment));
+    text += Concat(text.size() > 1 ? ",\n" : "", json);
+  }
+  return WriteOutput(path, [&](std::ostream& out) { out << text << "]\n"; });
+}
+
+Status ExportPly(const MapClient& client, int64_t component, const std::string& path) {
+  constexpr double kFar = 1e9;
+  v1::QueryLandmarksRequest request;
+  request.set_component_id(component);
+  for (auto* corner :
+       {request.mutable_box()->mutable_min(), request.mutable_box()->mutable_max()}) {
+    const double value = corner == request.mutable_box()->mutable_min() ? -kFar : kFar;
+    corner->set_x(value);
+    corner->set_y(value);
+    corner->set_z(value);
+  }
+  PORTOLAN_ASSIGN_OR_RETURN(const v1::LandmarkPage page, client.QueryLandmarks(request));
+  return WriteOutput(path, [&](std::ostream& out) { WritePly(page, out); });
+}
+
+// One file an agent in the folder `path`.
+Status ExportTum(const MapClient& client, int64_t component, bool all_frames,
+                 const std::string& path) {
+  PORTOLAN_ASSIGN_OR_RETURN(const v1::ListAgentsResponse agents, client.ListAgents());
+  for (const v1::AgentInfo& agent : agents.agents()) {
+    v1::GetTrajectoryRequest request;
+    request.set_agent_id(agent.agent_id());
+    request.set_component_id(component);
+    request.set_kind(all_frames ? v1::TRAJECTORY_KIND_FRAMES : v1::TRAJECTORY_KIND_KEYFRAMES);
+    PORTOLAN_ASSIGN_OR_RETURN(const auto segments, client.GetTrajectory(request));
+    if (component == 0) WarnOfSeveralComponents(segments);
+    PORTOLAN_RETURN_IF_ERROR(
+        WriteOutput(Concat(path.empty() ? "." : path, "/", agent.agent_id(), ".tum"),
+                    [&](std::ostream& out) { WriteTum(segments, out); }));
+  }
+  return absl::OkStatus();
+}
+
+Status ExportG2o(const MapClient& client, int64_t component, const std::string& path) {
+  v1::GetPoseGraphRequest request;
+  request.set_component_id(component);
+  PORTOLAN_ASSIGN_OR_RETURN(const v1::PoseGraphPage graph, client.GetPoseGraph(request));
+  return WriteOutput(path, [&](std::ostream& out) { WriteG2o(graph, out); });
+}
+
+}  // namespace
+
+int RunTrajectory(std::span<const std::string> args) {
+  ClientOptions client;
+  std::string agent, path;
+  bool all_frames = false;
+  int64_t component = 0;
+  OptionTable table;
+  client.AddTo(&table);
+  table.Add("agent", &agent, "", "Whose; required.");
+  table.Add("all_frames", &all_frames, "", "Every processed frame instead of keyframes.");
+  table.Add("component", &component, "", "Only poses in this component; 0: in any.");
+  table.Add("out", &path, "", "File to write; empty: standard output.");
+  CommandLine line;
+  int exit_code;
+  if (!ParseArguments(args,
+                      "usage: portolan trajectory --agent NAME [flags]\nCamera poses in the world "
+                      "as a TUM trajectory (timestamp tx ty tz qx qy qz qw), or as JSON.",
+                      0, &table, &line, &exit_code)) {
+    return exit_code;
+  }
+  v1::GetTrajectoryRequest request;
+  request.set_agent_id(agent);
+  request.set_component_id(component);
+  request.set_kind(all_frames ? v1::TRAJECTORY_KIND_FRAMES : v1::TRAJECTORY_KIND_KEYFRAMES);
+  const auto segments =
+      MapClient(client.server, FromSeconds(client.timeout_s)).GetTrajectory(request);
+  if (!segments.ok()) return Fail(segments.status());
+  WarnOfSeveralComponents(*segments);
+  const Status status =
+      client.json ? PrintSegmentsAsJson(*segments, path)
+                  : WriteOutput(path, [&](std::ostream& out) { WriteTum(*segments, out); });
+  return status.ok() ? kExitOk : Fail(status);
+}
+
+int RunExport(std::span<const std::string> args) {
+  ClientOptions client;
+  std::string path;
+  bool all_frames = false;
+  int64_t component = 0;
+  OptionTable table;
+  client.AddTo(&table);
+  table.Add("out", &path, "",
+            "File to write, for tum the existing folder; empty: standard output, this folder.");
+  table.Add("component", &component, "",
+            "Only this component; 0: for ply the largest, else all of them.");
+  table.Add("all_frames", &all_frames, "", "tum: every processed frame instead of keyframes.");
+  CommandLine line;
+  int exit_code;
+  constexpr std::string_view kUsage =
+      "usage: portolan export ply|tum|g2o [flags]\n"
+      "ply: landmarks as points. tum: one trajectory file an agent, NAME.tum. g2o: submaps and "
+      "their relations as a pose graph with times in comments.";
+  if (!ParseArguments(args, kUsage, 1, &table, &line, &exit_code)) return exit_code;
+  const std::string format = line.positional.empty() ? "" : line.positional[0];
+  const MapClient map(client.server, FromSeconds(client.timeout_s));
+  Status status;
+  if (format == "ply") {
+    status = ExportPly(map, component, path);
+  } else if (format == "tum") {
+    status = ExportTum(map, component, all_frames, path);
+  } else if (format == "g2o") {
+    status = ExportG2o(map, component, path);
+  } else {
+    status = absl::InvalidArgumentError("name a format: ply, tum or g2o");
+  }
+  return status.ok() ? kExitOk : Fail(status);
+}
+
+}  // namespace portolan

@@ -1,0 +1,34 @@
+#include "server/map_builder_engine.h"
+
+#include <utility>
+
+namespace portolan {
+namespace {
+
+class MapBuilderEngine : public MapEngine {
+ public:
+  explicit MapBuilderEngine(std::unique_ptr<MapBuilder> builder) : builder_(std::move(builder)) {}
+
+  void Restore(std::shared_ptr<const MapSnapshot> snapshot) override {
+    builder_->Restore(std::move(snapshot));
+  }
+  void IntegrateSubmap(const SubmapInput& input) override { builder_->IntegrateSubmap(input); }
+  bool HasBackgroundWork() const override { return builder_->HasBackgroundWork(); }
+  void RunBackgroundWork(const std::atomic<bool>& interrupt) override {
+    builder_->RunBackgroundWork(interrupt);
+  }
+  std::shared_ptr<const MapSnapshot> snapshot() const override { return builder_->snapshot(); }
+  StageTimes stage_times() const override { return builder_->stage_times(); }
+
+ private:
+  const std::unique_ptr<MapBuilder> builder_;
+};
+
+}  // namespace
+
+StatusOr<std::unique_ptr<MapEngine>> MakeMapBuilderEngine(const MapBuilderOptions& options) {
+  PORTOLAN_ASSIGN_OR_RETURN(std::unique_ptr<MapBuilder> builder, MapBuilder::Create(options));
+  return std::make_unique<MapBuilderEngine>(std::move(builder));
+}
+
+}  // namespace portolan

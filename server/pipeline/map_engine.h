@@ -1,0 +1,27 @@
+// What the map thread drives: the map builder, or a stand-in in tests.
+#ifndef PORTOLAN_SERVER_PIPELINE_MAP_ENGINE_H_
+#define PORTOLAN_SERVER_PIPELINE_MAP_ENGINE_H_
+
+#include <atomic>
+#include <memory>
+
+#include "server/map_builder.h"
+
+namespace portolan {
+
+// Thread-compatible: the map thread alone calls it. The meaning of each call is MapBuilder's.
+class MapEngine {
+ public:
+  virtual ~MapEngine() = default;
+
+  virtual void Restore(std::shared_ptr<const MapSnapshot> snapshot) = 0;
+  virtual void IntegrateSubmap(const SubmapInput& input) = 0;
+  virtual bool HasBackgroundWork() const = 0;
+  virtual void RunBackgroundWork(const std::atomic<bool>& interrupt) = 0;
+  virtual std::shared_ptr<const MapSnapshot> snapshot() const = 0;
+  virtual StageTimes stage_times() const = 0;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_PIPELINE_MAP_ENGINE_H_

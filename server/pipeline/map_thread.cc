@@ -1,0 +1,162 @@
+#include "server/pipeline/map_thread.h"
+
+#include <iterator>
+#include <utility>
+
+#include "common/base/logging.h"
+
+namespace portolan {
+
+Status MapThreadOptions::Validate() const {
+  if (max_queue < 1) return absl::InvalidArgumentError("max_queue must be positive");
+  if (save_interval < Duration::zero()) {
+    return absl::InvalidArgumentError("save_interval must not be negative");
+  }
+  return absl::OkStatus();
+}
+
+MapThread::MapThread(const MapThreadOptions& options, std::unique_ptr<MapEngine> engine,
+                     MapStore* store, SnapshotHub* hub)
+    : options_(options),
+      engine_(std::move(engine)),
+      store_(store),
+      hub_(hub),
+      last_save_(std::chrono::steady_clock::now()) {}
+
+MapThread::~MapThread() { Shutdown(); }
+
+void MapThread::Start(std::vector<SubmapInput> backlog) {
+  published_ = saved_ = engine_->snapshot();
+  hub_->Publish(published_);
+  pushed_count_ = backlog.size();
+  queue_.assign(std::make_move_iterator(backlog.begin()), std::make_move_iterator(backlog.end()));
+  thread_ = std::thread([this] { Run(); });
+}
+
+void MapThread::Push(std::vector<SubmapInput> submaps) {
+  std::unique_lock lock(mutex_);
+  for (SubmapInput& submap : submaps) {
+    has_room_.wait(
+        lock, [&] { return stop_ || queue_.size() < static_cast<size_t>(options_.max_queue); });
+    if (stop_) return;
+    queue_.push_back(std::move(submap));
+    ++pushed_count_;
+    if (!options_.lockstep) interrupt_ = true;
+    wake_.notify_one();
+  }
+}
+
+void MapThread::WhenSettled(std::function<void(uint64_t)> done) {
+  const std::lock_guard lock(mutex_);
+  if (stop_) return;
+  waiters_.push_back({pushed_count_, std::move(done)});
+  wake_.notify_one();
+}
+
+void MapThread::Shutdown() {
+  {
+    const std::lock_guard lock(mutex_);
+    stop_ = true;
+    interrupt_ = true;
+    wake_.notify_one();
+    has_room_.notify_all();
+  }
+  if (thread_.joinable()) thread_.join();
+}
+
+void MapThread::Run() {
+  std::unique_lock lock(mutex_);
+  while (!stop_) {
+    if (!queue_.empty()) {
+      const SubmapInput input = std::move(queue_.front());
+      queue_.pop_front();
+      has_room_.notify_one();
+      lock.unlock();
+      Integrate(input);
+      lock.lock();
+      ++integrated_count_;
+      continue;
+    }
+    interrupt_ = false;
+    lock.unlock();
+    if (engine_->HasBackgroundWork()) {
+      engine_->RunBackgroundWork(interrupt_);
+      Publish();
+      lock.lock();
+      continue;
+    }
+    Save();
+    NotifySettled();
+    lock.lock();
+    wake_.wait(lock, [&] { return stop_ || !queue_.empty() || !waiters_.empty(); });
+  }
+  lock.unlock();
+  Publish();
+  Save();
+}
+
+void MapThread::Integrate(const SubmapInput& input) {
+  engine_->IntegrateSubmap(input);
+  if (options_.lockstep) FinishBackgroundWork();
+  Publish();
+  const auto now = std::chrono::steady_clock::now();
+  if (options_.lockstep || now - last_save_ >= options_.save_interval) Save();
+}
+
+void MapThread::FinishBackgroundWork() {
+  // Interrupted by Shutdown only, and then the unfinished result is not saved.
+  while (engine_->HasBackgroundWork() && !interrupt_) engine_->RunBackgroundWork(interrupt_);
+}
+
+void MapThread::Publish() {
+  const StageTimes times = engine_->stage_times();
+  {
+    const std::lock_guard lock(mutex_);
+    stage_times_ = times;
+  }
+  std::shared_ptr<const MapSnapshot> snapshot = engine_->snapshot();
+  if (snapshot == published_) return;
+  published_ = std::move(snapshot);
+  hub_->Publish(published_);
+}
+
+void MapThread::Save() {
+  if (published_ == saved_) return;
+  // In lockstep a half-done step is repeated after the restart instead.
+  if (options_.lockstep && interrupt_ && engine_->HasBackgroundWork()) return;
+  const Status status = store_->SaveSnapshot(*published_);
+  last_save_ = std::chrono::steady_clock::now();
+  saved_ = published_;
+  if (status.ok()) return;
+  LogError("the map was not saved: ", status.ToString());
+  const std::lock_guard lock(mutex_);
+  if (save_status_.ok()) save_status_ = status;
+}
+
+void MapThread::NotifySettled() {
+  std::vector<Waiter> settled;
+  {
+    const std::lock_guard lock(mutex_);
+    for (Waiter& waiter : std::exchange(waiters_, {})) {
+      (waiter.pushed <= integrated_count_ ? settled : waiters_).push_back(std::move(waiter));
+    }
+  }
+  for (const Waiter& waiter : settled) waiter.done(published_->version);
+}
+
+StageTimes MapThread::stage_times() const {
+  const std::lock_guard lock(mutex_);
+  return stage_times_;
+}
+
+int MapThread::queue_size() const {
+  const std::lock_guard lock(mutex_);
+  return static_cast<int>(pushed_count_ - integrated_count_);
+}
+
+Status MapThread::save_status() const {
+  const std::lock_guard lock(mutex_);
+  return save_status_;
+}
+
+}  // namespace portolan

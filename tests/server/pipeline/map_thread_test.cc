@@ -1,0 +1,164 @@
+#include "server/pipeline/map_thread.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <future>
+
+#include "tests/server/support/fake_map_engine.h"
+#include "tests/server/support/memory_map_store.h"
+#include "tests/server/support/test_submaps.h"
+
+namespace portolan {
+namespace {
+
+using ::testing::ElementsAre;
+using testing::EngineProbe;
+using testing::FakeMapEngine;
+using testing::FakeMapEngineOptions;
+using ::testing::SizeIs;
+
+SubmapInput MakeInput(uint32_t number) {
+  const SubmapKey key{AgentId("a"), SessionId(1), number};
+  return {SubmapId(number + 1), std::make_shared<const Submap>(testing::MakeTestSubmap(key)),
+          std::make_shared<const CameraModel>(*CameraModel::Create(testing::TestCamera()))};
+}
+
+class MapThreadTest : public ::testing::Test {
+ protected:
+  void Start(const MapThreadOptions& options, const FakeMapEngineOptions& engine_options = {},
+             std::vector<SubmapInput> backlog = {}) {
+    thread_ = std::make_unique<MapThread>(
+        options, std::make_unique<FakeMapEngine>(engine_options, probe_), &store_, &hub_);
+    thread_->Start(std::move(backlog));
+  }
+  uint64_t Settle() {
+    std::promise<uint64_t> version;
+    thread_->WhenSettled([&](uint64_t v) { version.set_value(v); });
+    return version.get_future().get();
+  }
+
+  testing::MemoryMapStore store_;
+  SnapshotHub hub_;
+  const std::shared_ptr<EngineProbe> probe_ = std::make_shared<EngineProbe>();
+  std::unique_ptr<MapThread> thread_;
+};
+
+TEST_F(MapThreadTest, IntegratesInOrderPublishesAndSaves) {
+  Start({});
+  thread_->Push({MakeInput(0), MakeInput(1)});
+  thread_->Push({MakeInput(2)});
+  EXPECT_EQ(Settle(), 3u);
+  EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "integrate a/1", "integrate a/2"));
+  EXPECT_THAT(hub_.Get()->submaps, SizeIs(3));
+  ASSERT_NE(store_.saved(), nullptr);
+  EXPECT_EQ(store_.saved()->version, 3u) << "saved before settled";
+  EXPECT_EQ(thread_->queue_size(), 0);
+}
+
+TEST_F(MapThreadTest, BacklogComesFirst) {
+  Start({}, {}, {MakeInput(0), MakeInput(1)});
+  thread_->Push({MakeInput(2)});
+  Settle();
+  EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "integrate a/1", "integrate a/2"));
+}
+
+TEST_F(MapThreadTest, SettledMeansBackgroundWorkIsDone) {
+  Start({}, {.has_background_work = true, .background_shift = 1});
+  thread_->Push({MakeInput(0)});
+  EXPECT_EQ(Settle(), 2u);
+  EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "background"));
+  EXPECT_EQ(hub_.Get()->version, 2u);
+}
+
+TEST_F(MapThreadTest, NewSubmapInterruptsBackgroundWork) {
+  probe_->SetBackgroundEndless(true);
+  Start({}, {.has_background_work = true});
+  thread_->Push({MakeInput(0)});
+  probe_->WaitForEvent("background");
+  thread_->Push({MakeInput(1)});
+  probe_->WaitForEvent("integrate a/1");
+  probe_->SetBackgroundEndless(false);
+  Settle();
+  const std::vector<std::string> events = probe_->events();
+  EXPECT_THAT(std::vector<std::string>(events.begin(), events.begin() + 4),
+              ElementsAre("integrate a/0", "background", "interrupted", "integrate a/1"));
+}
+
+TEST_F(MapThreadTest, LockstepCompletesBackgroundWorkAfterEverySubmap) {
+  MapThreadOptions options;
+  options.lockstep = true;
+  probe_->Hold();
+  Start(options, {.has_background_work = true});
+  thread_->Push({MakeInput(0), MakeInput(1)});
+  probe_->Release();
+  Settle();
+  EXPECT_THAT(probe_->events(),
+              ElementsAre("integrate a/0", "background", "integrate a/1", "background"));
+  EXPECT_EQ(store_.save_count(), 2) << "saved after every submap";
+}
+
+TEST_F(MapThreadTest, FullQueueBlocksPushUntilThereIsRoom) {
+  MapThreadOptions options;
+  options.max_queue = 2;
+  probe_->Hold();
+  Start(options);
+  // One is taken off the queue and held, two wait, the fourth blocks.
+  std::future<void> push = std::async(std::launch::async, [&] {
+    thread_->Push({MakeInput(0), MakeInput(1), MakeInput(2), MakeInput(3), MakeInput(4)});
+  });
+  EXPECT_EQ(push.wait_for(std::chrono::milliseconds(50)), std::future_status::timeout);
+  EXPECT_LE(thread_->queue_size(), 3);
+  probe_->Release();
+  push.get();
+  Settle();
+  EXPECT_THAT(hub_.Get()->submaps, SizeIs(5));
+}
+
+TEST_F(MapThreadTest, ShutdownReleasesPushAndSaves) {
+  MapThreadOptions options;
+  options.max_queue = 1;
+  options.save_interval = std::chrono::hours(1);
+  Start(options);
+  thread_->Push({MakeInput(0)});
+  probe_->WaitForEvent("integrate a/0");
+  probe_->Hold();
+  std::future<void> push = std::async(std::launch::async, [&] {
+    thread_->Push({MakeInput(1), MakeInput(2), MakeInput(3)});
+  });
+  std::future<void> shutdown = std::async(std::launch::async, [&] { thread_->Shutdown(); });
+  push.get();
+  probe_->Release();
+  shutdown.get();
+  ASSERT_NE(store_.saved(), nullptr);
+  EXPECT_EQ(store_.saved()->version, hub_.Get()->version);
+}
+
+TEST_F(MapThreadTest, FailedSaveIsReportedAndTheMapGoesOn) {
+  Start({});
+  store_.Fail();
+  thread_->Push({MakeInput(0)});
+  Settle();
+  EXPECT_FALSE(thread_->save_status().ok());
+  thread_->Push({MakeInput(1)});
+  EXPECT_EQ(Settle(), 2u);
+}
+
+TEST(SnapshotHubTest, TellsSubscribersUntilTheyLeave) {
+  SnapshotHub hub;
+  ASSERT_NE(hub.Get(), nullptr);
+  EXPECT_EQ(hub.Get()->version, 0u);
+  int calls = 0;
+  const uint64_t subscription = hub.Subscribe([&] { ++calls; });
+  auto snapshot = std::make_shared<MapSnapshot>();
+  snapshot->version = 5;
+  hub.Publish(snapshot);
+  EXPECT_EQ(hub.Get()->version, 5u);
+  EXPECT_EQ(calls, 1);
+  hub.Unsubscribe(subscription);
+  hub.Publish(snapshot);
+  EXPECT_EQ(calls, 1);
+}
+
+}  // namespace
+}  // namespace portolan

@@ -1,0 +1,73 @@
+// A map engine without mathematics: puts submap n at x = 10 n with a few landmarks around it, and
+// tells a test what it was asked to do.
+#ifndef PORTOLAN_TESTS_SERVER_SUPPORT_FAKE_MAP_ENGINE_H_
+#define PORTOLAN_TESTS_SERVER_SUPPORT_FAKE_MAP_ENGINE_H_
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "server/pipeline/map_engine.h"
+
+namespace portolan::testing {
+
+// Shared between the engine, on the map thread, and the test. Thread-safe.
+class EngineProbe {
+ public:
+  // Integration waits while held.
+  void Hold();
+  void Release();
+  // Background work ends by itself; otherwise it goes on until interrupted.
+  void SetBackgroundEndless(bool endless);
+  // "integrate agent/number" and "background" in order.
+  std::vector<std::string> events() const;
+  void WaitForEvent(const std::string& event);
+
+ private:
+  friend class FakeMapEngine;
+  void Add(const std::string& event);
+  void WaitWhileHeld();
+  bool background_endless() const;
+
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<std::string> events_;
+  bool hold_ = false;
+  bool background_endless_ = false;
+};
+
+struct FakeMapEngineOptions {
+  int landmarks_per_submap = 5;
+  // Each integration leaves one piece of background work.
+  bool has_background_work = false;
+  // Each piece of background work moves all submaps by this much in y.
+  double background_shift = 0;
+};
+
+class FakeMapEngine : public MapEngine {
+ public:
+  FakeMapEngine(const FakeMapEngineOptions& options, std::shared_ptr<EngineProbe> probe);
+
+  void Restore(std::shared_ptr<const MapSnapshot> snapshot) override;
+  void IntegrateSubmap(const SubmapInput& input) override;
+  bool HasBackgroundWork() const override { return has_background_work_; }
+  void RunBackgroundWork(const std::atomic<bool>& interrupt) override;
+  std::shared_ptr<const MapSnapshot> snapshot() const override { return snapshot_; }
+  StageTimes stage_times() const override { return {}; }
+
+ private:
+  const FakeMapEngineOptions options_;
+  const std::shared_ptr<EngineProbe> probe_;
+  std::shared_ptr<const MapSnapshot> snapshot_;
+  bool has_background_work_ = false;
+};
+
+// What the engine makes of a submap.
+std::shared_ptr<const SubmapState> MakeFakeState(const SubmapInput& input, int landmarks,
+                                                 uint64_t version);
+
+}  // namespace portolan::testing
+
+#endif  // PORTOLAN_TESTS_SERVER_SUPPORT_FAKE_MAP_ENGINE_H_
