@@ -57,7 +57,8 @@ class MapBuilder::Impl {
         snapshot_(std::make_shared<MapSnapshot>()) {}
 
   void Restore(std::shared_ptr<const MapSnapshot> snapshot) {
-    aligner_.Restore(*snapshot);
+    RestoreMap(*snapshot, &aligner_);
+    aligner_.TakeTouched();
     for (const auto& state : snapshot->submaps) {
       if (state->refined->quarantine_reason.empty()) {
         places_->Add(state->refined->id, *state->refined->raw);

@@ -50,22 +50,15 @@ Status MapAlignerOptions::Validate() const {
 MapAligner::MapAligner(const MapAlignerOptions& options)
     : options_(options), model_(options.model) {}
 
-void MapAligner::Restore(const MapSnapshot& snapshot) {
-  for (const auto& state : snapshot.submaps) {
-    const std::optional<SubmapRelation> link = LinkOf(*state->refined);
-    model_.Restore(*state, link);
-    id_of_key_[state->refined->raw->key] = state->refined->id;
-  }
-  for (const auto& state : snapshot.submaps) {
-    for (const FusedLandmark& landmark : state->landmarks) model_.RestoreLandmark(landmark);
-  }
-  if (snapshot.closures != nullptr) {
-    for (const Closure& closure : *snapshot.closures) {
-      if (model_.Contains(closure.a) && model_.Contains(closure.b)) Accept(closure);
-    }
-  }
-  touched_.clear();
-  for (const ComponentState& component : snapshot.components) MarkStale(component.id, 1);
+void MapAligner::RestoreSubmap(const PlacedSubmap& placed) {
+  const SubmapId id = placed.refined->id;
+  model_.Restore(placed, LinkOf(*placed.refined));
+  id_of_key_[placed.refined->raw->key] = id;
+  if (!model_.submap(id).quarantined()) MarkStale(placed.component, 1);
+}
+
+void MapAligner::RestoreClosure(const Closure& closure) {
+  if (model_.Contains(closure.a) && model_.Contains(closure.b)) Accept(closure);
 }
 
 std::optional<SubmapRelation> MapAligner::LinkOf(const RefinedSubmap& refined) const {

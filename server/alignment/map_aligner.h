@@ -48,8 +48,11 @@ class MapAligner {
   // The options are valid.
   explicit MapAligner(const MapAlignerOptions& options);
 
-  // Continues a stored map; before anything is added.
-  void Restore(const MapSnapshot& snapshot);
+  // Continue a stored map, before anything is added: its submaps by ascending id, its landmarks,
+  // its accepted closures.
+  void RestoreSubmap(const PlacedSubmap& placed);
+  void RestoreLandmark(const ModelLandmark& known) { model_.RestoreLandmark(known); }
+  void RestoreClosure(const Closure& closure);
 
   // Links a refined submap to its predecessor, if that is there and sound, and places it.
   void AddSubmap(std::shared_ptr<const RefinedSubmap> refined);

@@ -86,15 +86,15 @@ void MapModel::Add(std::shared_ptr<const RefinedSubmap> refined,
   AttachLandmarks(id);
 }
 
-void MapModel::Restore(const SubmapState& state, const std::optional<SubmapRelation>& link) {
-  ModelSubmap& submap = Insert(state.refined, link);
-  submap.component = state.component;
-  submap.world_from_submap = state.world_from_submap;
-  submap.world_from_camera = state.world_from_camera;
-  AttachLandmarks(state.refined->id);
+void MapModel::Restore(const PlacedSubmap& placed, const std::optional<SubmapRelation>& link) {
+  ModelSubmap& submap = Insert(placed.refined, link);
+  submap.component = placed.component;
+  submap.world_from_submap = placed.world_from_submap;
+  submap.world_from_camera = placed.world_from_camera;
+  AttachLandmarks(placed.refined->id);
 }
 
-void MapModel::RestoreLandmark(const FusedLandmark& landmark) {
+void MapModel::RestoreLandmark(const ModelLandmark& known) {
   const auto index_of = [this](const LandmarkSight& sight) {
     if (!Contains(sight.submap)) return -1;
     const ModelSubmap& submap = submaps_.at(sight.submap);
@@ -102,7 +102,7 @@ void MapModel::RestoreLandmark(const FusedLandmark& landmark) {
     return index < 0 ? -1 : submap.landmarks[index];
   };
   int kept = -1;
-  for (const LandmarkSight& sight : landmark.sights) {
+  for (const LandmarkSight& sight : known.sights) {
     const int index = index_of(sight);
     if (index < 0 || index == kept) continue;
     if (kept < 0) {
@@ -111,7 +111,7 @@ void MapModel::RestoreLandmark(const FusedLandmark& landmark) {
       Unite(kept, index);
     }
   }
-  if (kept >= 0) landmarks_[kept].point_in_world = landmark.point_in_world;
+  if (kept >= 0) landmarks_[kept].point_in_world = known.point_in_world;
 }
 
 // Tracks that the predecessor has are its landmarks; the others are new.

@@ -8,8 +8,9 @@
 #include <optional>
 #include <vector>
 
+#include "server/alignment/landmark_sight.h"
 #include "server/alignment/submap_link.h"
-#include "server/fusion/map_state.h"
+#include "server/refinement/refined_submap.h"
 
 namespace portolan {
 
@@ -52,6 +53,14 @@ struct ModelSubmap {
   bool quarantined() const { return !refined->quarantine_reason.empty(); }
 };
 
+// What a stored map knows about a submap.
+struct PlacedSubmap {
+  std::shared_ptr<const RefinedSubmap> refined;
+  ComponentId component;
+  Similarity3 world_from_submap;
+  std::vector<Rigid3> world_from_camera;  // parallel to the keyframes
+};
+
 // Thread-compatible value. Ids of submaps that are passed in are in the model.
 class MapModel {
  public:
@@ -66,10 +75,11 @@ class MapModel {
 
   // Adds a submap: behind its predecessor if there is a link, else as a component of its own.
   void Add(std::shared_ptr<const RefinedSubmap> refined, const std::optional<SubmapRelation>& link);
-  // Adds a submap as a snapshot knows it; the predecessor, if linked, came before.
-  void Restore(const SubmapState& state, const std::optional<SubmapRelation>& link);
-  // Sets the position of a landmark that a snapshot knows and unites its sights.
-  void RestoreLandmark(const FusedLandmark& landmark);
+  // Adds a submap as it was placed before; the predecessor, if linked, is there.
+  void Restore(const PlacedSubmap& placed, const std::optional<SubmapRelation>& link);
+  // Sets the position of a landmark that was there before and unites its sights; those of unknown
+  // submaps or tracks are left out.
+  void RestoreLandmark(const ModelLandmark& known);
 
   // Moves all of a component into another one's world and names it so.
   void MoveComponent(ComponentId from, ComponentId to, const Similarity3& to_from_from);

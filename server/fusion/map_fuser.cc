@@ -46,6 +46,20 @@ Status MapFuserOptions::Validate() const {
   return absl::OkStatus();
 }
 
+void RestoreMap(const MapSnapshot& snapshot, MapAligner* aligner) {
+  for (const auto& state : snapshot.submaps) {
+    aligner->RestoreSubmap({state->refined, state->component, state->world_from_submap,
+                            state->world_from_camera});
+  }
+  for (const auto& state : snapshot.submaps) {
+    for (const FusedLandmark& landmark : state->landmarks) {
+      aligner->RestoreLandmark({landmark.point_in_world, landmark.sights});
+    }
+  }
+  if (snapshot.closures == nullptr) return;
+  for (const Closure& closure : *snapshot.closures) aligner->RestoreClosure(closure);
+}
+
 std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int index) const {
   const ModelLandmark& landmark = model.landmarks()[index];
   FusedLandmark fused;

@@ -23,6 +23,9 @@ struct MapFuserOptions {
   Status Validate() const;
 };
 
+// Gives an empty aligner the state of a snapshot.
+void RestoreMap(const MapSnapshot& snapshot, MapAligner* aligner);
+
 // Thread-compatible.
 class MapFuser {
  public:

@@ -10,19 +10,11 @@
 #include <memory>
 #include <vector>
 
+#include "server/alignment/landmark_sight.h"
 #include "server/refinement/refined_submap.h"
 #include "server/verification/closure.h"
 
 namespace portolan {
-
-// A track of a submap that sees a fused landmark.
-struct LandmarkSight {
-  SubmapId submap;
-  TrackId track;
-
-  friend bool operator==(const LandmarkSight&, const LandmarkSight&) = default;
-  friend auto operator<=>(const LandmarkSight&, const LandmarkSight&) = default;
-};
 
 struct FusedLandmark {
   // LandmarkIdOf(the oldest sight); stable as long as that sight belongs to it.
