@@ -135,7 +135,7 @@ std::unique_ptr<CornerDetector> CornerDetector::Create(const DetectorOptions& op
     case DetectorType::kShiTomasi:
       break;
   }
-  return std::make_unique<GradientCornerDetector>(CornerMeasure::kMinEigenvalue,
+  return std::make_unique<GradientCornerDetector>(CornerMeasure::kSmallEigenvalue,
                                                   options.min_eigenvalue);
 }
 

@@ -1,14 +1,14 @@
 #include "agent/tracker/response_map.h"
 
 #include <algorithm>
-#include <cmath>
+#include <cstddef>
 #include <cstdint>
 
 namespace portolan {
 namespace {
 
 constexpr int kHalfWindow = 3;
-constexpr int kWindow = 2 * kHalfWindow + 1;
+constexpr float kWindowSum = 16.0f;
 // The 3 x 3 Sobel filter's answer to a slope of one grey level per pixel.
 constexpr float kGradientUnit = 8.0f;
 
@@ -48,22 +48,25 @@ void RowProducts(const int16_t* above, const int16_t* row, const int16_t* below,
   }
 }
 
-// Sums over the window's columns: `in` has kWindow - 1 more columns than `out`.
-void AddWindowRow(const int32_t* in, int width, int32_t* out) {
+// The window is a triangle, 1 2 3 4 3 2 1 in each direction: with equal weights the response has
+// plateaus and its maxima jump about. `step` is the distance of successive window elements.
+void AddWindow(const int32_t* in, ptrdiff_t step, int width, int32_t* out) {
   for (int x = 0; x < width; ++x) {
-    out[x] += in[x] + in[x + 1] + in[x + 2] + in[x + 3] + in[x + 4] + in[x + 5] + in[x + 6];
+    const int32_t* p = in + x;
+    const int32_t inner = p[2 * step] + p[3 * step] + p[4 * step];
+    const int32_t middle = p[step] + p[5 * step] + inner;
+    out[x] = p[0] + p[6 * step] + 2 * middle + inner + p[3 * step];
   }
 }
 
 void Respond(const int32_t* xx, const int32_t* xy, const int32_t* yy, int width,
              CornerMeasure measure, float* out) {
-  constexpr float kUnit = 1.0f / (kWindow * kWindow * kGradientUnit * kGradientUnit);
+  constexpr float kUnit = 1.0f / (kWindowSum * kWindowSum * kGradientUnit * kGradientUnit);
   for (int x = 0; x < width; ++x) {
     const float a = kUnit * xx[x], b = kUnit * xy[x], c = kUnit * yy[x];
-    const float half_trace = 0.5f * (a + c), half_difference = 0.5f * (a - c);
-    out[x] = measure == CornerMeasure::kHarris
-                 ? a * c - b * b - 0.16f * half_trace * half_trace
-                 : half_trace - std::sqrt(half_difference * half_difference + b * b);
+    const float trace = a + c, determinant = a * c - b * b;
+    out[x] = measure == CornerMeasure::kHarris ? determinant - 0.04f * trace * trace
+                                               : determinant / (trace + 1e-6f);
   }
 }
 
@@ -83,32 +86,21 @@ std::vector<float> ComputeResponse(const cv::Mat& gray, const cv::Rect& area,
                 &products.xx[at], &products.xy[at], &products.yy[at]);
   }
   std::vector<float> response(static_cast<size_t>(area.width) * area.height);
-  Products sums(area.width);
-  // Sums over the window of the row are made once per row of products, not once per output row.
   Products rows(static_cast<size_t>(area.width) * product_height);
   for (int y = 0; y < product_height; ++y) {
     const size_t from = static_cast<size_t>(y) * product_width;
     const size_t to = static_cast<size_t>(y) * area.width;
-    AddWindowRow(&products.xx[from], area.width, &rows.xx[to]);
-    AddWindowRow(&products.xy[from], area.width, &rows.xy[to]);
-    AddWindowRow(&products.yy[from], area.width, &rows.yy[to]);
+    AddWindow(&products.xx[from], 1, area.width, &rows.xx[to]);
+    AddWindow(&products.xy[from], 1, area.width, &rows.xy[to]);
+    AddWindow(&products.yy[from], 1, area.width, &rows.yy[to]);
   }
-  for (int y = 0; y < product_height; ++y) {
-    const size_t added = static_cast<size_t>(y) * area.width;
-    for (int x = 0; x < area.width; ++x) {
-      sums.xx[x] += rows.xx[added + x];
-      sums.xy[x] += rows.xy[added + x];
-      sums.yy[x] += rows.yy[added + x];
-    }
-    if (y < kWindow - 1) continue;
-    const size_t removed = static_cast<size_t>(y - kWindow + 1) * area.width;
-    Respond(sums.xx.data(), sums.xy.data(), sums.yy.data(), area.width, measure,
-            &response[removed]);
-    for (int x = 0; x < area.width; ++x) {
-      sums.xx[x] -= rows.xx[removed + x];
-      sums.xy[x] -= rows.xy[removed + x];
-      sums.yy[x] -= rows.yy[removed + x];
-    }
+  Products sums(area.width);
+  for (int y = 0; y < area.height; ++y) {
+    const size_t at = static_cast<size_t>(y) * area.width;
+    AddWindow(&rows.xx[at], area.width, area.width, sums.xx.data());
+    AddWindow(&rows.xy[at], area.width, area.width, sums.xy.data());
+    AddWindow(&rows.yy[at], area.width, area.width, sums.yy.data());
+    Respond(sums.xx.data(), sums.xy.data(), sums.yy.data(), area.width, measure, &response[at]);
   }
   return response;
 }

@@ -263,6 +263,7 @@ std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost
 }
 
 std::vector<Feature> Tracker::Impl::Describe() const {
+  if (current_.empty()) return {};
   std::vector<Eigen::Vector2d> pixels;
   for (const TrackedPoint& point : points_) pixels.push_back(point.pixel);
   const auto described = ExtractFeatures(current_.image(), pixels, options_.features);
