@@ -1,0 +1,182 @@
+#include "server/alignment/map_aligner.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+
+#include "server/refinement/submap_refiner.h"
+#include "tests/support/synthetic_submaps.h"
+
+namespace portolan {
+namespace {
+
+class MapAlignerTest : public ::testing::Test {
+ protected:
+  void Make(const SyntheticSubmapsOptions& options) {
+    mission_ = MakeSyntheticMission(options);
+    const SubmapRefiner refiner = SubmapRefiner::Create({}).value();
+    for (const SyntheticSubmap& submap : mission_.submaps) {
+      refined_.push_back(refiner.Refine(submap.id, submap.submap, mission_.camera));
+    }
+  }
+
+  static SyntheticSubmapsOptions TwoAgents() {
+    SyntheticSubmapsOptions options;
+    options.agents = {{0, 1.5, 3, 1.5}, {0.3, 1.8, 3, 1.4}};
+    return options;
+  }
+
+  void AddAll() {
+    for (const auto& refined : refined_) aligner_.AddSubmap(refined);
+  }
+
+  // Between submaps a and b (from 1), from the truth, distorted by `error`; the matches are true
+  // unless there is an error.
+  Closure MakeClosure(int a, int b, const Vector7d& error = Vector7d::Zero(),
+                      size_t max_matches = 1000) const {
+    Closure closure;
+    closure.a = SubmapId(a);
+    closure.b = SubmapId(b);
+    closure.a_from_b = mission_.submaps[a - 1].world_from_submap.Inverse() *
+                       mission_.submaps[b - 1].world_from_submap * Similarity3::Exp(error);
+    closure.information = 1e4 * Matrix7d::Identity();
+    const auto& points_a = mission_.point_ids_of_tracks[mission_.agent_of_submap[a - 1]];
+    const auto& points_b = mission_.point_ids_of_tracks[mission_.agent_of_submap[b - 1]];
+    const int shift = error.isZero() ? 0 : 1;
+    for (const RefinedLandmark& in_a : refined_[a - 1]->landmarks) {
+      for (const RefinedLandmark& in_b : refined_[b - 1]->landmarks) {
+        if (closure.matches.size() >= max_matches) break;
+        const bool same = points_a.at(in_a.track) == points_b.at(in_b.track) + shift * 7;
+        if (same || (shift != 0 && in_a.track.value() % 97 == in_b.track.value() % 89)) {
+          closure.matches.push_back({in_a.track, in_b.track});
+        }
+      }
+    }
+    return closure;
+  }
+
+  void Polish() {
+    const std::atomic<bool> never = false;
+    while (aligner_.HasBackgroundWork()) aligner_.AdjustStaleComponent(never);
+  }
+
+  double Rms() const {
+    std::vector<Eigen::Vector3d> estimate, truth;
+    for (const auto& [id, submap] : aligner_.model().submaps()) {
+      if (submap.component != ComponentId(1)) continue;
+      for (size_t k = 0; k < submap.world_from_camera.size(); ++k) {
+        estimate.push_back(submap.world_from_camera[k].translation);
+        truth.push_back(mission_.submaps[id.value() - 1].world_from_camera[k].translation);
+      }
+    }
+    return AlignedRms(estimate, truth);
+  }
+
+  SyntheticMission mission_;
+  std::vector<std::shared_ptr<const RefinedSubmap>> refined_;
+  MapAligner aligner_{MapAlignerOptions()};
+};
+
+TEST_F(MapAlignerTest, AdjustmentGainsOnTheLinksAlone) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 3, 6, 1.5}};
+  double linked = 0;
+  double adjusted = 0;
+  for (options.seed = 1; options.seed <= 5; ++options.seed) {
+    aligner_ = MapAligner(MapAlignerOptions());
+    refined_.clear();
+    Make(options);
+    AddAll();
+    linked += Rms();
+    Polish();
+    adjusted += Rms();
+    EXPECT_LT(Rms(), 0.012) << options.seed;
+  }
+  EXPECT_LT(adjusted, 0.8 * linked);
+}
+
+TEST_F(MapAlignerTest, OneStrongClosureJoinsComponents) {
+  Make(TwoAgents());
+  AddAll();
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 3u);
+  aligner_.AddClosures({MakeClosure(1, 2)});
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 6u);
+  Polish();
+  EXPECT_LT(Rms(), 0.01);
+}
+
+TEST_F(MapAlignerTest, WeakClosureWaitsForASecondThatAgrees) {
+  Make(TwoAgents());
+  AddAll();
+  aligner_.AddClosures({MakeClosure(1, 2, Vector7d::Zero(), 15)});
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 3u);
+  aligner_.AddClosures({MakeClosure(3, 4, Vector7d::Zero(), 15)});
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 6u);
+  EXPECT_EQ(aligner_.closures().size(), 2u);
+}
+
+TEST_F(MapAlignerTest, ContradictingWeakClosuresJoinNothing) {
+  Make(TwoAgents());
+  AddAll();
+  Vector7d error;
+  error << 1, 0, 0.5, 0.4, 0, 0, 0.2;
+  aligner_.AddClosures({MakeClosure(1, 2, Vector7d::Zero(), 15), MakeClosure(3, 4, error, 15)});
+  EXPECT_TRUE(aligner_.closures().empty());
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 3u);
+}
+
+TEST_F(MapAlignerTest, FalseLoopIsRefused) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 3, 6, 1.5}};
+  Make(options);
+  AddAll();
+  Polish();
+  const double before = Rms();
+  Vector7d error;
+  error << 1, 0, 0.5, 0.8, 0, 0, 0.2;
+  aligner_.AddClosures({MakeClosure(1, 6, error, 30)});
+  Polish();
+  EXPECT_TRUE(aligner_.closures().empty());
+  EXPECT_NEAR(Rms(), before, 1e-4);
+}
+
+TEST_F(MapAlignerTest, WrongMergeIsUndone) {
+  SyntheticSubmapsOptions options = TwoAgents();
+  options.agents[1] = {3.0, 4.5, 3, 1.4};  // sees another wall
+  Make(options);
+  AddAll();
+  Polish();
+  Vector7d error;
+  error << 0.3, 0, 0.1, 0.1, 0, 0, 0.1;
+  Closure wrong = MakeClosure(1, 2, error, 60);
+  wrong.a_from_b = Similarity3::Identity();
+  ASSERT_GE(wrong.matches.size(), 40u);
+  aligner_.AddClosures({wrong});
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 6u);
+  Polish();
+  EXPECT_TRUE(aligner_.closures().empty());
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 3u);
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(2)).size(), 3u);
+  Polish();
+  EXPECT_LT(Rms(), 0.01);
+}
+
+TEST_F(MapAlignerTest, CovarianceGrowsAlongTheChain) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 3, 6, 1.5}};
+  Make(options);
+  AddAll();
+  EXPECT_EQ(aligner_.Covariance(SubmapId(1)).norm(), 0);
+  EXPECT_GT(aligner_.Covariance(SubmapId(2)).trace(), 0);
+  EXPECT_GT(aligner_.Covariance(SubmapId(6))(6, 6), aligner_.Covariance(SubmapId(2))(6, 6));
+}
+
+TEST_F(MapAlignerTest, TouchedSubmapsAreReportedOnce) {
+  Make(TwoAgents());
+  aligner_.AddSubmap(refined_[0]);
+  EXPECT_EQ(aligner_.TakeTouched(), std::set<SubmapId>{SubmapId(1)});
+  EXPECT_TRUE(aligner_.TakeTouched().empty());
+}
+
+}  // namespace
+}  // namespace portolan
