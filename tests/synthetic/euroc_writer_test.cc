@@ -3,6 +3,7 @@
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 
+#include "agent/image_source/image_source.h"
 #include "common/camera/calibration.h"
 #include "common/trajectory/trajectory_io.h"
 #include "gmock/gmock.h"
@@ -48,6 +49,29 @@ TEST(WriteEurocAgent, OwnReadersReadItBack) {
     ASSERT_TRUE(body);
     EXPECT_THAT(*body * mission.body_from_camera, NearRigid(pose.world_from_body, 1e-6));
   }
+}
+
+TEST(WriteEurocAgent, TheAgentsImageSourceReadsItBack) {
+  const TempDir dir;
+  const Mission mission = ShortMission();
+  ASSERT_THAT(WriteEurocAgent(mission, 1, dir.path().string(), Png()), IsOk());
+  ImageSourceOptions options;
+  options.path = (dir / "agent1").string();
+  options.imu = true;
+  auto source = OpenImageSource(options);
+  ASSERT_THAT(source, IsOk());
+  EXPECT_EQ((*source)->info().type, ImageSourceType::kEuroc);
+  FrameRenderer renderer(mission, 1);
+  for (int i = 0; i < 3; ++i) {
+    const auto frame = (*source)->Next();
+    ASSERT_THAT(frame, IsOk());
+    ASSERT_TRUE(frame->has_value());
+    cv::Mat1b expected;
+    renderer.Render(i, &expected);
+    EXPECT_EQ((*frame)->time, mission.FrameTime(i));
+    EXPECT_EQ(cv::norm((*frame)->gray, expected, cv::NORM_INF), 0);
+  }
+  EXPECT_EQ((*source)->TakeImu(mission.FrameTime(2)).size(), 21u);
 }
 
 TEST(WriteEurocAgent, ListsTheImagesItWrote) {
