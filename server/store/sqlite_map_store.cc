@@ -77,6 +77,7 @@ StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::Open(
   PORTOLAN_RETURN_IF_ERROR(WithPath(PrepareSchema(**database), path));
   std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(*std::move(database)));
   PORTOLAN_RETURN_IF_ERROR(WithPath(store->LoadSessionIds(), path));
+  PORTOLAN_RETURN_IF_ERROR(WithPath(store->UpdateSize(), path));
   return store;
 }
 
@@ -92,10 +93,18 @@ Status SqliteMapStore::WriteLocked(Write write) {
   const auto run = [&]() -> Status {
     PORTOLAN_ASSIGN_OR_RETURN(SqliteTransaction transaction, SqliteTransaction::Begin(*database_));
     PORTOLAN_RETURN_IF_ERROR(write());
-    return transaction.Commit();
+    PORTOLAN_RETURN_IF_ERROR(transaction.Commit());
+    return UpdateSize();
   };
   failure_ = run();
   return failure_;
+}
+
+Status SqliteMapStore::UpdateSize() {
+  PORTOLAN_ASSIGN_OR_RETURN(const int64_t pages, database_->QueryInteger("PRAGMA page_count"));
+  PORTOLAN_ASSIGN_OR_RETURN(const int64_t page_size, database_->QueryInteger("PRAGMA page_size"));
+  size_bytes_ = pages * page_size;
+  return absl::OkStatus();
 }
 
 Status SqliteMapStore::LoadSessionIds() {
@@ -194,11 +203,11 @@ StatusOr<std::vector<SubmapId>> SqliteMapStore::AppendSubmaps(
 }
 
 Status SqliteMapStore::SaveSnapshot(const MapSnapshot& snapshot) {
-  const std::lock_guard lock(mutex_);
-  PORTOLAN_RETURN_IF_ERROR(CheckWritable());
+  const std::lock_guard saved_lock(saved_mutex_);
   const std::vector<EncodedState> states = EncodeChangedStates(snapshot, saved_states_);
   const std::vector<EncodedClosure> closures = EncodeClosures(snapshot);
   const std::vector<SubmapId> left_over = LeftOver(saved_states_, snapshot);
+  const std::lock_guard lock(mutex_);
   PORTOLAN_RETURN_IF_ERROR(WriteLocked([&]() -> Status {
     PORTOLAN_RETURN_IF_ERROR(WriteStates(*database_, states));
     PORTOLAN_RETURN_IF_ERROR(DeleteStates(*database_, left_over));
@@ -215,6 +224,7 @@ Status SqliteMapStore::SaveSnapshot(const MapSnapshot& snapshot) {
 }
 
 Status SqliteMapStore::DropDerived() {
+  const std::lock_guard saved_lock(saved_mutex_);
   const std::lock_guard lock(mutex_);
   PORTOLAN_RETURN_IF_ERROR(WriteLocked([&]() -> Status {
     PORTOLAN_RETURN_IF_ERROR(DropDerivedTables(*database_));
@@ -269,6 +279,7 @@ StatusOr<std::vector<StoredSubmap>> SqliteMapStore::ReadSubmaps(
 }
 
 StatusOr<StoredMap> SqliteMapStore::Load(const SubmapDecoder& decode) {
+  const std::lock_guard saved_lock(saved_mutex_);
   const std::lock_guard lock(mutex_);
   StoredMap map;
   PORTOLAN_ASSIGN_OR_RETURN(map.sessions, ReadSessions());
@@ -312,11 +323,6 @@ StatusOr<std::vector<SubmapId>> SqliteMapStore::SubmapsInBox(ComponentId compone
   }
 }
 
-StatusOr<int64_t> SqliteMapStore::SizeBytes() {
-  const std::lock_guard lock(mutex_);
-  PORTOLAN_ASSIGN_OR_RETURN(const int64_t pages, database_->QueryInteger("PRAGMA page_count"));
-  PORTOLAN_ASSIGN_OR_RETURN(const int64_t page_size, database_->QueryInteger("PRAGMA page_size"));
-  return pages * page_size;
-}
+StatusOr<int64_t> SqliteMapStore::SizeBytes() { return size_bytes_.load(); }
 
 }  // namespace portolan

@@ -2,6 +2,7 @@
 #ifndef PORTOLAN_SERVER_STORE_SQLITE_MAP_STORE_H_
 #define PORTOLAN_SERVER_STORE_SQLITE_MAP_STORE_H_
 
+#include <atomic>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -25,8 +26,8 @@ struct SqliteMapStoreOptions {
   Status Validate() const;
 };
 
-// Thread-safe: one lock around the connection. Holds the file exclusively: a second store, of this
-// or another process, is refused with Unavailable.
+// Thread-safe: one lock around the connection; saves are encoded before they take it. Holds the
+// file exclusively: a second store, of this or another process, is refused with Unavailable.
 class SqliteMapStore : public MapStore {
  public:
   // Creates the file if there is none. NotFound, PermissionDenied, DataLoss (not a map, damaged),
@@ -54,6 +55,7 @@ class SqliteMapStore : public MapStore {
   Status WriteLocked(Write write);
   Status CheckWritable() const;
   Status LoadSessionIds();
+  Status UpdateSize();
   Status InsertSession(const SessionRecord& session);
   StatusOr<SubmapId> InsertSubmap(SqliteStatement& insert, const NewSubmap& submap);
   StatusOr<std::vector<SessionRecord>> ReadSessions();
@@ -69,9 +71,15 @@ class SqliteMapStore : public MapStore {
     CameraIntrinsics camera;
   };
   std::map<SessionName, SessionRow> sessions_;
-  // What the derived tables hold, so that a save writes the difference.
+
+  // Taken before mutex_.
+  std::mutex saved_mutex_;
+  // Guarded by saved_mutex_: what the derived tables hold, so that a save writes the difference.
   std::unordered_map<SubmapId, std::shared_ptr<const SubmapState>> saved_states_;
   std::vector<uint64_t> saved_closure_hashes_;
+
+  // Known without a lock, so that a large save holds up no query.
+  std::atomic<int64_t> size_bytes_ = 0;
 };
 
 }  // namespace portolan

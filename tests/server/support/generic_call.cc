@@ -27,7 +27,7 @@ std::string ToBytes(const grpc::ByteBuffer& buffer) {
 
 }  // namespace
 
-StatusOr<google::protobuf::UnknownFieldSet> GenericCall(
+StatusOr<std::unique_ptr<google::protobuf::UnknownFieldSet>> GenericCall(
     const std::string& address, const std::string& method,
     const google::protobuf::UnknownFieldSet& request) {
   std::string bytes;
@@ -58,8 +58,8 @@ StatusOr<google::protobuf::UnknownFieldSet> GenericCall(
   call->Finish(&status, nullptr);
   WaitFor(&queue);
   queue.Shutdown();
-  google::protobuf::UnknownFieldSet fields;
-  if (!ok || !fields.ParseFromString(ToBytes(answer))) {
+  auto fields = std::make_unique<google::protobuf::UnknownFieldSet>();
+  if (!ok || !fields->ParseFromString(ToBytes(answer))) {
     return absl::UnavailableError(status.error_message());
   }
   return fields;

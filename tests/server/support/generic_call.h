@@ -4,6 +4,7 @@
 
 #include <google/protobuf/unknown_field_set.h>
 
+#include <memory>
 #include <string>
 
 #include "common/base/status.h"
@@ -12,7 +13,7 @@ namespace portolan::testing {
 
 // Sends one message on a bidirectional or unary `method` ("/package.Service/Method") and returns
 // the first answer with its fields by number.
-StatusOr<google::protobuf::UnknownFieldSet> GenericCall(
+StatusOr<std::unique_ptr<google::protobuf::UnknownFieldSet>> GenericCall(
     const std::string& address, const std::string& method,
     const google::protobuf::UnknownFieldSet& request);
 
