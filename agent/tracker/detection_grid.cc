@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <utility>
 
 namespace portolan {
@@ -10,7 +11,8 @@ DetectionGrid::DetectionGrid(const DetectionGridOptions& options,
                              std::unique_ptr<CornerDetector> detector)
     : options_(options), detector_(std::move(detector)) {
   const double area = static_cast<double>(options.width_px) * options.height_px;
-  cell_px_ = std::max(8.0, std::sqrt(area / std::max(1, options.cells)));
+  neighbourhood_px_ = std::max(12.0, std::sqrt(area / std::max(1, options.target_corners)));
+  cell_px_ = neighbourhood_px_ / std::sqrt(2.0);
   columns_ = std::max(1, static_cast<int>(std::ceil(options.width_px / cell_px_)));
   rows_ = std::max(1, static_cast<int>(std::ceil(options.height_px / cell_px_)));
   barren_until_.resize(columns_ * rows_, 0);
@@ -34,7 +36,7 @@ cv::Rect DetectionGrid::CellArea(int cell) const {
 }
 
 bool DetectionGrid::IsFree(const Eigen::Vector2d& pixel) const {
-  const double min_distance = options_.min_distance_cells * cell_px_;
+  const double min_distance = options_.min_distance_share * neighbourhood_px_;
   const int cell = CellOf(pixel), column = cell % columns_, row = cell / columns_;
   for (int y = std::max(0, row - 1); y <= std::min(rows_ - 1, row + 1); ++y) {
     for (int x = std::max(0, column - 1); x <= std::min(columns_ - 1, column + 1); ++x) {
@@ -44,6 +46,23 @@ bool DetectionGrid::IsFree(const Eigen::Vector2d& pixel) const {
     }
   }
   return true;
+}
+
+std::vector<Corner> DetectionGrid::SpreadFirst(std::span<const Eigen::Vector2d> taken,
+                                               std::vector<Corner> corners) const {
+  std::stable_sort(corners.begin(), corners.end(),
+                   [](const Corner& a, const Corner& b) { return a.response > b.response; });
+  std::set<std::pair<int, int>> filled;
+  const auto fill = [&](const Eigen::Vector2d& pixel) {
+    return filled
+        .insert({static_cast<int>((pixel.x() + 0.5) / neighbourhood_px_),
+                 static_cast<int>((pixel.y() + 0.5) / neighbourhood_px_)})
+        .second;
+  };
+  for (const Eigen::Vector2d& pixel : taken) fill(pixel);
+  std::stable_partition(corners.begin(), corners.end(),
+                        [&](const Corner& corner) { return fill(corner.pixel); });
+  return corners;
 }
 
 std::vector<Corner> DetectionGrid::FindCorners(const cv::Mat& gray,
@@ -70,8 +89,7 @@ std::vector<Corner> DetectionGrid::FindCorners(const cv::Mat& gray,
       Occupy(best->pixel);
     }
   }
-  std::stable_sort(chosen.begin(), chosen.end(),
-                   [](const Corner& a, const Corner& c) { return a.response > c.response; });
+  chosen = SpreadFirst(taken, std::move(chosen));
   if (static_cast<int>(chosen.size()) > max_count) chosen.resize(max_count);
   return chosen;
 }

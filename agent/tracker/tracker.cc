@@ -71,8 +71,8 @@ class Tracker::Impl {
         camera_(camera),
         grid_({.width_px = camera.width_px(),
                .height_px = camera.height_px(),
-               .cells = options.max_points,
-               .min_distance_cells = options.min_distance_cells,
+               .target_corners = options.max_points,
+               .min_distance_share = options.min_distance_share,
                .border_px = options.border_px},
               CornerDetector::Create(options.detector)) {}
 
@@ -284,8 +284,8 @@ Status TrackerOptions::Validate() const {
   if (max_points < 1 || max_points > 5000) {
     return absl::InvalidArgumentError("max_points must be in [1, 5000]");
   }
-  if (!(min_distance_cells >= 0.0 && min_distance_cells <= 1.0)) {
-    return absl::InvalidArgumentError("min_distance_cells must be in [0, 1]");
+  if (!(min_distance_share >= 0.0 && min_distance_share <= 1.0)) {
+    return absl::InvalidArgumentError("min_distance_share must be in [0, 1]");
   }
   if (!(border_px >= 8.0)) return absl::InvalidArgumentError("border_px must be at least 8");
   if (!(merge_distance_px >= 0.0)) {

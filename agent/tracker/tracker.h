@@ -43,8 +43,9 @@ struct SearchRegion {
 struct TrackerOptions {
   // Live tracks at most; the filter uses a part, the server's adjustment all.
   int max_points = 200;
-  // Least distance of a new corner from the other tracks, as a share of the grid's cell size.
-  double min_distance_cells = 0.4;
+  // Least distance of a new corner from the other tracks, as a share of their distance when
+  // max_points are spread evenly.
+  double min_distance_share = 0.3;
   // No track nearer to the image's edge than this: half a patch and its warp must fit.
   double border_px = 10.0;
   // Two tracks nearer than this are one: the younger goes.

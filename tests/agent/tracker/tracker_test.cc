@@ -294,7 +294,7 @@ TEST(TrackerOptions, RejectsNonsense) {
            [](TrackerOptions* o) { o->pyramid_levels = 40; },
            [](TrackerOptions* o) { o->base_sigma_px = 0.0; },
            [](TrackerOptions* o) { o->max_lost = -1; },
-           [](TrackerOptions* o) { o->min_distance_cells = 3.0; },
+           [](TrackerOptions* o) { o->min_distance_share = 3.0; },
            [](TrackerOptions* o) { o->merge_distance_px = -1.0; },
            [](TrackerOptions* o) { o->detector.fast_threshold = 0; },
            [](TrackerOptions* o) { o->features.half_octaves = -1; }}) {
