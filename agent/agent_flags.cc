@@ -13,7 +13,7 @@ void AddTracker(TrackerOptions* options, OptionSection section) {
                     "corner detector; shi_tomasi gives the best sub-pixel tracks for its cost");
   section.Add("max_points", &options->max_points, "points",
               "live tracks; the filter uses a part, the server's adjustment all");
-  section.Add("min_distance_cells", &options->min_distance_cells, "cells",
+  section.Add("min_distance_share", &options->min_distance_share, "",
               "least distance of a new corner from the other tracks");
   section.Add("border_px", &options->border_px, "px", "no track nearer to the image's edge");
   section.Add("min_correlation", &options->min_correlation, "",

@@ -6,7 +6,8 @@
 # START and END are frame numbers, both included. Leaves in OUTPUT_FOLDER: map.db, the agents'
 # trajectories (agents/NAME/*.tum, live and corrected as each agent knew them), the final map's
 # trajectories of all frames (final/NAME.tum), map.ply and the logs. The build preset is taken from
-# PORTOLAN_PRESET (release).
+# PORTOLAN_PRESET (release). With PORTOLAN_LOCKSTEP=1 the server takes the submaps in a fixed order,
+# which makes the map repeatable, and takes longer.
 set -euo pipefail
 
 root="$(cd "$(dirname "$0")/.." && pwd)"
@@ -45,10 +46,13 @@ trap stop_server EXIT
 
 names=()
 for spec in "${specs[@]}"; do names+=("${spec%%=*}"); done
-lockstep="$(IFS=,; echo "${names[*]}")"
+lockstep=()
+if [ -n "${PORTOLAN_LOCKSTEP:-}" ]; then
+  lockstep=(--lockstep --lockstep-agents "$(IFS=,; echo "${names[*]}")")
+fi
 
 "$build/server/portolan-server" --map "$output/map.db" --listen 127.0.0.1:0 \
-  --port-file "$output/port" --lockstep --lockstep-agents "$lockstep" \
+  --port-file "$output/port" "${lockstep[@]}" \
   > "$output/logs/server.log" 2>&1 &
 server=$!
 for _ in $(seq 200); do
@@ -96,3 +100,4 @@ for name in "${names[@]}"; do
     --out "$output/final/$name.tum"
 done
 "${portolan[@]}" export ply --server "$address" --out "$output/map.ply"
+"${portolan[@]}" export png --server "$address" --out "$output/map.png"

@@ -6,6 +6,7 @@
 #include "common/base/concat.h"
 #include "server/cli/command.h"
 #include "server/cli/exports.h"
+#include "server/evaluation/map_plot.h"
 
 namespace portolan {
 namespace {
@@ -30,7 +31,7 @@ Status PrintSegmentsAsJson(const std::vector<v1::TrajectorySegment>& segments,
   return WriteOutput(path, [&](std::ostream& out) { out << text << "]\n"; });
 }
 
-Status ExportPly(const MapClient& client, int64_t component, const std::string& path) {
+StatusOr<v1::LandmarkPage> AllLandmarks(const MapClient& client, int64_t component) {
   constexpr double kFar = 1e9;
   v1::QueryLandmarksRequest request;
   request.set_component_id(component);
@@ -41,8 +42,49 @@ Status ExportPly(const MapClient& client, int64_t component, const std::string& 
     corner->set_y(value);
     corner->set_z(value);
   }
-  PORTOLAN_ASSIGN_OR_RETURN(const v1::LandmarkPage page, client.QueryLandmarks(request));
+  return client.QueryLandmarks(request);
+}
+
+Status ExportPly(const MapClient& client, int64_t component, const std::string& path) {
+  PORTOLAN_ASSIGN_OR_RETURN(const v1::LandmarkPage page, AllLandmarks(client, component));
   return WriteOutput(path, [&](std::ostream& out) { WritePly(page, out); });
+}
+
+PlotTrajectory PlotOf(const std::string& agent,
+                      const std::vector<v1::TrajectorySegment>& segments) {
+  PlotTrajectory plot;
+  plot.name = agent;
+  for (const v1::TrajectorySegment& segment : segments) {
+    for (int i = 0; i + 6 < segment.world_from_camera_size(); i += 7) {
+      plot.positions.emplace_back(segment.world_from_camera(i + 4),
+                                  segment.world_from_camera(i + 5),
+                                  segment.world_from_camera(i + 6));
+    }
+  }
+  return plot;
+}
+
+// Landmarks and keyframe paths of one component.
+Status ExportPng(const MapClient& client, int64_t component, const std::string& path) {
+  PORTOLAN_ASSIGN_OR_RETURN(const v1::LandmarkPage page, AllLandmarks(client, component));
+  MapPlot plot;
+  plot.length_unit = page.metric() ? "m" : "map units";
+  plot.title = Concat("component ", page.component_id(), ", map version ", page.map_version());
+  plot.subtitle = Concat(page.landmarks_size(), " landmarks");
+  for (const v1::Landmark& landmark : page.landmarks()) {
+    const v1::Vector3& point = landmark.point_in_world();
+    plot.landmarks.emplace_back(point.x(), point.y(), point.z());
+  }
+  PORTOLAN_ASSIGN_OR_RETURN(const v1::ListAgentsResponse agents, client.ListAgents());
+  for (const v1::AgentInfo& agent : agents.agents()) {
+    v1::GetTrajectoryRequest request;
+    request.set_agent_id(agent.agent_id());
+    request.set_component_id(page.component_id());
+    request.set_kind(v1::TRAJECTORY_KIND_KEYFRAMES);
+    PORTOLAN_ASSIGN_OR_RETURN(const auto segments, client.GetTrajectory(request));
+    plot.trajectories.push_back(PlotOf(agent.agent_id(), segments));
+  }
+  return WriteMapPlot(plot, path.empty() ? "map.png" : path);
 }
 
 // One file an agent in the folder `path`.
@@ -120,8 +162,9 @@ int RunExport(std::span<const std::string> args) {
   CommandLine line;
   int exit_code;
   constexpr std::string_view kUsage =
-      "usage: portolan export ply|tum|g2o [flags]\n"
-      "ply: landmarks as points. tum: one trajectory file an agent, NAME.tum. g2o: submaps and "
+      "usage: portolan export ply|png|tum|g2o [flags]\n"
+      "ply: landmarks as points. png: a picture of landmarks and paths, map.png. tum: one "
+      "trajectory file an agent, NAME.tum. g2o: submaps and "
       "their relations as a pose graph with times in comments.";
   if (!ParseArguments(args, kUsage, 1, &table, &line, &exit_code)) return exit_code;
   const std::string format = line.positional.empty() ? "" : line.positional[0];
@@ -129,12 +172,14 @@ int RunExport(std::span<const std::string> args) {
   Status status;
   if (format == "ply") {
     status = ExportPly(map, component, path);
+  } else if (format == "png") {
+    status = ExportPng(map, component, path);
   } else if (format == "tum") {
     status = ExportTum(map, component, all_frames, path);
   } else if (format == "g2o") {
     status = ExportG2o(map, component, path);
   } else {
-    status = absl::InvalidArgumentError("name a format: ply, tum or g2o");
+    status = absl::InvalidArgumentError("name a format: ply, png, tum or g2o");
   }
   return status.ok() ? kExitOk : Fail(status);
 }
