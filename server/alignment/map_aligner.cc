@@ -75,6 +75,10 @@ std::optional<SubmapRelation> MapAligner::LinkOf(const RefinedSubmap& refined) c
   return LinkToPredecessor(options_.link, *predecessor.refined, refined);
 }
 
+void MapAligner::RestoreWaitingClosure(const Closure& closure) {
+  if (model_.Contains(closure.a) && model_.Contains(closure.b)) pending_.push_back(closure);
+}
+
 void MapAligner::AddSubmap(std::shared_ptr<const RefinedSubmap> refined) {
   const SubmapId id = refined->id;
   id_of_key_[refined->raw->key] = id;

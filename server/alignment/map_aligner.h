@@ -53,6 +53,7 @@ class MapAligner {
   void RestoreSubmap(const PlacedSubmap& placed);
   void RestoreLandmark(const ModelLandmark& known) { model_.RestoreLandmark(known); }
   void RestoreClosure(const Closure& closure);
+  void RestoreWaitingClosure(const Closure& closure);
 
   // Links a refined submap to its predecessor, if that is there and sound, and places it.
   void AddSubmap(std::shared_ptr<const RefinedSubmap> refined);
@@ -68,6 +69,7 @@ class MapAligner {
 
   const MapModel& model() const { return model_; }
   const std::vector<Closure>& closures() const { return accepted_; }
+  const std::vector<Closure>& waiting_closures() const { return pending_; }
   const MapAdjustment& last_adjustment() const { return last_adjustment_; }
   // Submaps whose pose, component or landmarks changed since the last call.
   std::set<SubmapId> TakeTouched();

@@ -18,7 +18,7 @@ struct MapModelOptions {
   // Tracks that meet in one keyframe farther apart than this are not one landmark.
   double max_conflict_px = 4.0;
   // Squared error in sigmas up to which an observation agrees with its refined landmark.
-  double agreeing_chi2 = 9.0;
+  double agreeing_chi2 = 16.0;
 
   Status Validate() const;
 };

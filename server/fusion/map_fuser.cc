@@ -48,16 +48,22 @@ Status MapFuserOptions::Validate() const {
 
 void RestoreMap(const MapSnapshot& snapshot, MapAligner* aligner) {
   for (const auto& state : snapshot.submaps) {
-    aligner->RestoreSubmap({state->refined, state->component, state->world_from_submap,
-                            state->world_from_camera});
+    aligner->RestoreSubmap(
+        {state->refined, state->component, state->world_from_submap, state->world_from_camera});
   }
   for (const auto& state : snapshot.submaps) {
     for (const FusedLandmark& landmark : state->landmarks) {
       aligner->RestoreLandmark({landmark.point_in_world, landmark.sights});
     }
   }
-  if (snapshot.closures == nullptr) return;
-  for (const Closure& closure : *snapshot.closures) aligner->RestoreClosure(closure);
+  if (snapshot.closures != nullptr) {
+    for (const Closure& closure : *snapshot.closures) aligner->RestoreClosure(closure);
+  }
+  if (snapshot.waiting_closures != nullptr) {
+    for (const Closure& closure : *snapshot.waiting_closures) {
+      aligner->RestoreWaitingClosure(closure);
+    }
+  }
 }
 
 std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int index) const {
@@ -142,6 +148,8 @@ std::shared_ptr<const MapSnapshot> MapFuser::Fuse(const MapSnapshot& previous,
   auto snapshot = std::make_shared<MapSnapshot>();
   snapshot->version = previous.version + 1;
   snapshot->closures = std::make_shared<const std::vector<Closure>>(aligner->closures());
+  snapshot->waiting_closures =
+      std::make_shared<const std::vector<Closure>>(aligner->waiting_closures());
   std::map<ComponentId, ComponentState> components;
   auto old = previous.submaps.begin();
   for (const auto& [id, submap] : aligner->model().submaps()) {

@@ -59,6 +59,9 @@ struct MapSnapshot {
   std::vector<ComponentState> components;
   // Accepted closures only.
   std::shared_ptr<const std::vector<Closure>> closures;
+  // Verified, but waiting for others that agree. A map that is continued without them loses only
+  // what they might have led to.
+  std::shared_ptr<const std::vector<Closure>> waiting_closures;
 };
 
 }  // namespace portolan

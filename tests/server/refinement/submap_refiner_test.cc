@@ -132,7 +132,7 @@ TEST(SubmapRefiner, QuarantinesImplausibleSubmaps) {
   options.keyframes_per_submap = 1;
   EXPECT_THAT(Refine(MakeSyntheticMission(options), 0)->quarantine_reason, HasSubstr("keyframes"));
   options.keyframes_per_submap = 8;
-  options.max_observations = 10;
+  options.max_observations = 6;
   const auto refined = Refine(MakeSyntheticMission(options), 0);
   EXPECT_THAT(refined->quarantine_reason, HasSubstr("too few"));
   EXPECT_TRUE(refined->landmarks.empty());
