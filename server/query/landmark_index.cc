@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <queue>
 #include <utility>
 
@@ -55,7 +56,7 @@ std::shared_ptr<const LandmarkIndex> LandmarkIndex::Build(
     }
     if (!block) block = MakeBlock(state);
     ComponentBlocks& component = index->components_[state->component];
-    component.blocks.push_back(block.get());
+    component.blocks.push_back({block->bounds, block.get()});
     component.landmark_count += state->landmarks.size();
     index->block_of_state_.emplace(state.get(), std::move(block));
   }
@@ -63,9 +64,9 @@ std::shared_ptr<const LandmarkIndex> LandmarkIndex::Build(
   return index;
 }
 
-const std::vector<const LandmarkIndex::Block*>& LandmarkIndex::BlocksOf(
+const std::vector<LandmarkIndex::BoundedBlock>& LandmarkIndex::BlocksOf(
     ComponentId component) const {
-  static const std::vector<const Block*> kNone;
+  static const std::vector<BoundedBlock> kNone;
   const auto found = components_.find(component);
   return found == components_.end() ? kNone : found->second.blocks;
 }
@@ -88,8 +89,8 @@ std::vector<const FusedLandmark*> LandmarkIndex::InBox(ComponentId component,
                                                        const LandmarkFilter& filter) const {
   const Eigen::AlignedBox3d box(min, max);
   std::vector<const FusedLandmark*> found;
-  for (const Block* block : BlocksOf(component)) {
-    if (!box.intersects(block->bounds)) continue;
+  for (const auto& [bounds, block] : BlocksOf(component)) {
+    if (!box.intersects(bounds)) continue;
     const Eigen::Vector3f low = min.cast<float>().array() - 2 * block->rounding;
     const Eigen::Vector3f high = max.cast<float>().array() + 2 * block->rounding;
     for (size_t i = 0; i < block->points.size(); ++i) {
@@ -112,8 +113,8 @@ std::vector<const FusedLandmark*> LandmarkIndex::InSphere(ComponentId component,
   const Eigen::Vector3f rough_center = center.cast<float>();
   const float center_rounding = static_cast<float>(center.cwiseAbs().maxCoeff() * 1.2e-7);
   std::vector<Candidate> found;
-  for (const Block* block : BlocksOf(component)) {
-    if (block->bounds.squaredExteriorDistance(center) > radius * radius) continue;
+  for (const auto& [bounds, block] : BlocksOf(component)) {
+    if (bounds.squaredExteriorDistance(center) > radius * radius) continue;
     const float limit =
         static_cast<float>(radius) * 1.000001f + 4 * (block->rounding + center_rounding);
     for (size_t i = 0; i < block->points.size(); ++i) {
@@ -131,15 +132,18 @@ std::vector<const FusedLandmark*> LandmarkIndex::Nearest(ComponentId component,
                                                          const Eigen::Vector3d& point, size_t count,
                                                          const LandmarkFilter& filter) const {
   if (count == 0) return {};
-  std::vector<std::pair<double, const Block*>> blocks;  // by distance of their bounds
-  for (const Block* block : BlocksOf(component)) {
-    blocks.emplace_back(block->bounds.squaredExteriorDistance(point), block);
+  // A heap by the distance of their bounds, the nearest on top: only a few are ever taken.
+  std::vector<std::pair<double, const Block*>> blocks;
+  for (const auto& [bounds, block] : BlocksOf(component)) {
+    blocks.emplace_back(bounds.squaredExteriorDistance(point), block);
   }
-  std::sort(blocks.begin(), blocks.end());
+  std::make_heap(blocks.begin(), blocks.end(), std::greater<>());
   const Eigen::Vector3f rough_point = point.cast<float>();
   const float point_rounding = static_cast<float>(point.cwiseAbs().maxCoeff() * 1.2e-7);
   std::priority_queue<Candidate> nearest;  // the farthest on top
-  for (const auto& [squared_distance, block] : blocks) {
+  for (; !blocks.empty(); blocks.pop_back()) {
+    std::pop_heap(blocks.begin(), blocks.end(), std::greater<>());
+    const auto [squared_distance, block] = blocks.back();
     const bool is_full = nearest.size() == count;
     if (is_full && squared_distance > nearest.top().squared_distance) break;
     const float margin = 4 * (block->rounding + point_rounding);

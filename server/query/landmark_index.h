@@ -52,13 +52,18 @@ class LandmarkIndex {
     float rounding = 0;  // no coordinate is off by more
   };
 
+  // The bounds side by side, as every query looks at all of them.
+  struct BoundedBlock {
+    Eigen::AlignedBox3d bounds;
+    const Block* block = nullptr;
+  };
   struct ComponentBlocks {
-    std::vector<const Block*> blocks;
+    std::vector<BoundedBlock> blocks;
     size_t landmark_count = 0;
   };
 
   static std::shared_ptr<const Block> MakeBlock(std::shared_ptr<const SubmapState> state);
-  const std::vector<const Block*>& BlocksOf(ComponentId component) const;
+  const std::vector<BoundedBlock>& BlocksOf(ComponentId component) const;
 
   std::shared_ptr<const MapSnapshot> snapshot_;
   std::map<ComponentId, ComponentBlocks> components_;

@@ -94,20 +94,23 @@ Status ReadStates(SqliteDatabase& database, const SubmapsById& submaps, MapSnaps
 }
 
 Status ReadClosures(SqliteDatabase& database, MapSnapshot* snapshot) {
-  auto closures = std::make_shared<std::vector<Closure>>();
+  auto accepted = std::make_shared<std::vector<Closure>>();
+  auto waiting = std::make_shared<std::vector<Closure>>();
   PORTOLAN_ASSIGN_OR_RETURN(
       SqliteStatement rows,
       SqliteStatement::Prepare(
-          database, "SELECT submap_a, submap_b, estimate FROM closure ORDER BY position"));
+          database,
+          "SELECT accepted, submap_a, submap_b, estimate FROM closure ORDER BY position"));
   while (true) {
     PORTOLAN_ASSIGN_OR_RETURN(const bool has_row, rows.Step());
     if (!has_row) break;
-    Closure& closure = closures->emplace_back();
-    closure.a = SubmapId(rows.ColumnInteger(0));
-    closure.b = SubmapId(rows.ColumnInteger(1));
-    PORTOLAN_RETURN_IF_ERROR(DecodeClosure(rows.ColumnBytes(2), &closure));
+    Closure& closure = (rows.ColumnInteger(0) != 0 ? accepted : waiting)->emplace_back();
+    closure.a = SubmapId(rows.ColumnInteger(1));
+    closure.b = SubmapId(rows.ColumnInteger(2));
+    PORTOLAN_RETURN_IF_ERROR(DecodeClosure(rows.ColumnBytes(3), &closure));
   }
-  snapshot->closures = std::move(closures);
+  snapshot->closures = std::move(accepted);
+  snapshot->waiting_closures = std::move(waiting);
   return absl::OkStatus();
 }
 
@@ -146,12 +149,15 @@ std::vector<EncodedState> EncodeChangedStates(const MapSnapshot& snapshot,
 
 std::vector<EncodedClosure> EncodeClosures(const MapSnapshot& snapshot) {
   std::vector<EncodedClosure> encoded;
-  if (!snapshot.closures) return encoded;
-  for (const Closure& closure : *snapshot.closures) {
-    std::string estimate = EncodeClosure(closure);
-    const uint64_t hash =
-        HashBytes(absl::StrCat(closure.a.value(), " ", closure.b.value(), " ", estimate));
-    encoded.push_back({closure.a, closure.b, std::move(estimate), hash});
+  for (const bool accepted : {true, false}) {
+    const auto& closures = accepted ? snapshot.closures : snapshot.waiting_closures;
+    if (!closures) continue;
+    for (const Closure& closure : *closures) {
+      std::string estimate = EncodeClosure(closure);
+      const uint64_t hash = HashBytes(
+          absl::StrCat(accepted, " ", closure.a.value(), " ", closure.b.value(), " ", estimate));
+      encoded.push_back({accepted, closure.a, closure.b, std::move(estimate), hash});
+    }
   }
   return encoded;
 }
@@ -197,13 +203,14 @@ Status WriteClosures(SqliteDatabase& database, const std::vector<EncodedClosure>
                      const std::vector<uint64_t>& saved_hashes) {
   PORTOLAN_ASSIGN_OR_RETURN(
       SqliteStatement insert,
-      SqliteStatement::Prepare(database, "REPLACE INTO closure VALUES (?, ?, ?, ?)"));
+      SqliteStatement::Prepare(database, "REPLACE INTO closure VALUES (?, ?, ?, ?, ?)"));
   for (size_t i = 0; i < closures.size(); ++i) {
     if (i < saved_hashes.size() && saved_hashes[i] == closures[i].hash) continue;
     insert.BindInteger(1, static_cast<int64_t>(i));
-    insert.BindInteger(2, closures[i].a.value());
-    insert.BindInteger(3, closures[i].b.value());
-    insert.BindBlob(4, closures[i].estimate);
+    insert.BindInteger(2, closures[i].accepted);
+    insert.BindInteger(3, closures[i].a.value());
+    insert.BindInteger(4, closures[i].b.value());
+    insert.BindBlob(5, closures[i].estimate);
     PORTOLAN_RETURN_IF_ERROR(insert.Run());
   }
   PORTOLAN_ASSIGN_OR_RETURN(

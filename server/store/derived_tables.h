@@ -23,6 +23,7 @@ struct EncodedState {
 };
 
 struct EncodedClosure {
+  bool accepted = false;
   SubmapId a;
   SubmapId b;
   std::string estimate;
@@ -32,6 +33,7 @@ struct EncodedClosure {
 // The states of `snapshot` that differ, by identity, from those in `saved`.
 std::vector<EncodedState> EncodeChangedStates(const MapSnapshot& snapshot,
                                               const SubmapStates& saved);
+// The accepted closures, then the waiting ones.
 std::vector<EncodedClosure> EncodeClosures(const MapSnapshot& snapshot);
 
 Status WriteStates(SqliteDatabase& database, const std::vector<EncodedState>& states);

@@ -66,6 +66,7 @@ CREATE VIRTUAL TABLE landmark_bounds USING rtree (
 );
 CREATE TABLE closure (
   position INTEGER PRIMARY KEY,
+  accepted INTEGER NOT NULL,
   submap_a INTEGER NOT NULL,
   submap_b INTEGER NOT NULL,
   estimate BLOB NOT NULL

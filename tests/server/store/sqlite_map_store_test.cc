@@ -59,6 +59,8 @@ class SqliteMapStoreTest : public ::testing::Test {
     snapshot.components = {{ComponentId(1), true, false}};
     snapshot.closures = std::make_shared<const std::vector<Closure>>(
         std::vector<Closure>{MakeClosure(SubmapId(1), SubmapId(2), 3)});
+    snapshot.waiting_closures = std::make_shared<const std::vector<Closure>>(
+        std::vector<Closure>{MakeClosure(SubmapId(2), SubmapId(1), 4)});
     return snapshot;
   }
 

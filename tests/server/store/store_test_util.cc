@@ -55,6 +55,15 @@ void ExpectSameState(const SubmapState& actual, const SubmapState& expected) {
   }
 }
 
+void ExpectSameClosures(const std::vector<Closure>& actual, const std::vector<Closure>& expected) {
+  ASSERT_EQ(actual.size(), expected.size());
+  for (size_t i = 0; i < actual.size(); ++i) {
+    EXPECT_EQ(actual[i].b, expected[i].b);
+    EXPECT_EQ(actual[i].matches, expected[i].matches);
+    EXPECT_EQ(actual[i].information, expected[i].information);
+  }
+}
+
 }  // namespace
 
 SessionRecord MakeSession(const std::string& agent, uint64_t session) {
@@ -151,12 +160,8 @@ void ExpectSameSnapshot(const MapSnapshot& actual, const MapSnapshot& expected) 
     EXPECT_EQ(actual.components[i].id, expected.components[i].id);
     EXPECT_EQ(actual.components[i].metric, expected.components[i].metric);
   }
-  ASSERT_EQ(actual.closures->size(), expected.closures->size());
-  for (size_t i = 0; i < actual.closures->size(); ++i) {
-    EXPECT_EQ((*actual.closures)[i].b, (*expected.closures)[i].b);
-    EXPECT_EQ((*actual.closures)[i].matches, (*expected.closures)[i].matches);
-    EXPECT_EQ((*actual.closures)[i].information, (*expected.closures)[i].information);
-  }
+  ExpectSameClosures(*actual.closures, *expected.closures);
+  ExpectSameClosures(*actual.waiting_closures, *expected.waiting_closures);
 }
 
 }  // namespace portolan::testing
