@@ -4,6 +4,12 @@
 #include <cmath>
 
 namespace portolan {
+namespace {
+
+// Words with no more documents than this are used however small the map is.
+constexpr size_t kAlwaysUsedPostings = 30;
+
+}  // namespace
 
 void InvertedFile::Add(uint32_t slot, const std::vector<uint32_t>& words) {
   for (const uint32_t word : words) postings_[word].push_back(slot);
@@ -25,7 +31,8 @@ void InvertedFile::Remove(uint32_t slot, const std::vector<uint32_t>& words) {
 std::vector<uint32_t> InvertedFile::Vote(const std::vector<uint32_t>& words,
                                          double max_frequency) const {
   std::vector<uint32_t> votes(slot_end_, 0);
-  const size_t longest = std::max<size_t>(4, static_cast<size_t>(max_frequency * document_count_));
+  const size_t longest =
+      std::max<size_t>(kAlwaysUsedPostings, static_cast<size_t>(max_frequency * document_count_));
   for (const uint32_t word : words) {
     const auto it = postings_.find(word);
     if (it == postings_.end() || it->second.size() > longest) continue;

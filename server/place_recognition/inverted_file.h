@@ -22,7 +22,7 @@ class InvertedFile {
   void Remove(uint32_t slot, const std::vector<uint32_t>& words);
 
   // votes[slot] = sum over the common words of round(256 * log(documents / frequency of the
-  // word)), without the words that more than max_frequency * documents (and more than 4) hold.
+  // word)), without the words that more than max_frequency * documents (and more than 30) hold.
   // Integers, so that the sum does not depend on an order. Slots that hold nothing get 0.
   std::vector<uint32_t> Vote(const std::vector<uint32_t>& words, double max_frequency) const;
 

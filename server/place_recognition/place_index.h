@@ -20,11 +20,12 @@ struct PlaceIndexOptions {
   // Described features kept of a submap; more are thinned evenly. Bounds memory (about 64 bytes a
   // feature) and time.
   int max_features = 1200;
-  // Words that more than this share of the submaps hold say nothing and are skipped.
-  double max_word_frequency = 0.3;
+  // Words that more than this share of the submaps hold (and more than 30) say little and cost
+  // most of the time; they are skipped.
+  double max_word_frequency = 0.02;
   // Submaps with most votes, compared exactly afterwards. A map of no more submaps than this is
   // searched exhaustively.
-  int shortlist = 24;
+  int shortlist = 40;
   // Features of the query used in the exact comparison; more are thinned evenly.
   int max_compared_features = 400;
   // A nearest neighbour at d bits weighs exp(-d / falloff_bits) ...
