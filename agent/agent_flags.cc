@@ -78,6 +78,8 @@ void AddKeyframes(KeyframeSelectorOptions* options, OptionSection section) {
               "median flow, rotation included, that makes a keyframe");
   section.Add("min_tracks_left", &options->min_tracks_left, "",
               "share of the last keyframe's tracks below which a keyframe is due");
+  section.Add("min_interval_s", &options->min_interval_s, "s",
+              "shortest time between keyframes, unless tracks are being lost");
   section.Add("max_interval_s", &options->max_interval_s, "s",
               "longest time between keyframes while the camera moves");
   section.Add("moving_flow_rad", &options->moving_flow_rad, "rad",

@@ -25,7 +25,9 @@ Status KeyframeSelectorOptions::Validate() const {
   if (!(min_tracks_left >= 0 && min_tracks_left <= 1)) {
     return absl::InvalidArgumentError("min_tracks_left must be within 0 and 1");
   }
-  if (!(max_interval_s > 0)) return absl::InvalidArgumentError("max_interval_s must be > 0");
+  if (!(min_interval_s >= 0 && min_interval_s <= max_interval_s)) {
+    return absl::InvalidArgumentError("min_interval_s must be within 0 and max_interval_s");
+  }
   if (!(moving_flow_rad >= 0)) return absl::InvalidArgumentError("moving_flow_rad must be >= 0");
   return absl::OkStatus();
 }
@@ -68,11 +70,12 @@ TrackFlow KeyframeSelector::FlowSinceKeyframe(const Rigid3& submap_from_camera,
 bool KeyframeSelector::IsDue(Timestamp time, const Rigid3& submap_from_camera,
                              const std::vector<TrackedPoint>& points) const {
   const TrackFlow flow = FlowSinceKeyframe(submap_from_camera, points);
+  if (flow.share_left < options_.min_tracks_left) return true;
+  const double interval_s = ToSeconds(time - keyframe_time_);
+  if (interval_s < options_.min_interval_s) return false;
   if (flow.median_parallax_rad > options_.min_parallax_rad) return true;
   if (flow.median_flow_rad > options_.min_flow_rad) return true;
-  if (flow.share_left < options_.min_tracks_left) return true;
-  return flow.median_flow_rad > options_.moving_flow_rad &&
-         ToSeconds(time - keyframe_time_) > options_.max_interval_s;
+  return flow.median_flow_rad > options_.moving_flow_rad && interval_s > options_.max_interval_s;
 }
 
 }  // namespace portolan

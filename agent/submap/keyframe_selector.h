@@ -13,14 +13,17 @@ namespace portolan {
 
 struct KeyframeSelectorOptions {
   // Median angle between the sights of a track now and in the last keyframe, rotation removed
-  // [rad]. 0.02 rad is 10 px at 500 px focal length: small enough that tracks live through
+  // [rad]. 0.012 rad is 6 px at 500 px focal length: small enough that tracks live through
   // several keyframes, large enough that each adds parallax.
-  double min_parallax_rad = 0.02;
+  double min_parallax_rad = 0.012;
   // Median angle with rotation left in [rad]: turning on the spot also needs keyframes, for the
   // tracks that enter and leave.
   double min_flow_rad = 0.10;
   // A keyframe is due when fewer than this share of the last keyframe's tracks is left.
   double min_tracks_left = 0.7;
+  // Shortest time between keyframes [s], unless tracks are being lost: faster ones cost uplink and
+  // server time for little parallax that the next one would not have.
+  double min_interval_s = 0.09;
   // Longest time between keyframes while the camera moves [s].
   double max_interval_s = 1.0;
   // The camera moves if the median flow since the last keyframe exceeds this [rad].

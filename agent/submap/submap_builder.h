@@ -14,7 +14,7 @@ namespace portolan {
 
 struct SubmapBuilderOptions {
   // Keyframes that fill a submap: bounds the filter's linearisation error and the message.
-  int max_keyframes = 12;
+  int max_keyframes = 16;
   // Travelled distance that fills a submap, in median scene depths.
   double max_distance_depths = 1.0;
   // Accumulated rotation that fills a submap [rad].

@@ -56,10 +56,16 @@ class Refinement {
     AddCameras();
     Triangulate();
     if (LandmarkCount() < options_.min_landmarks) return "too few tracks could be triangulated";
-    if (const std::string reason = Adjust(); !reason.empty()) return reason;
-    // What the adjusted poses make of the tracks that did not fit the filter's.
-    TriangulateMissing();
-    if (const std::string reason = Adjust(); !reason.empty()) return reason;
+    // A filter's estimate can be so far off that few observations fit at first; the adjusted poses
+    // make more of the tracks fit, these better poses, and so on.
+    std::string reason;
+    for (int round = 0; round < options_.max_rounds; ++round) {
+      reason = Adjust();
+      if (round > 0 && reason.empty()) break;
+      if (!summary_.usable) break;
+      TriangulateMissing();
+    }
+    if (!reason.empty()) return reason;
     return WriteResult();
   }
 

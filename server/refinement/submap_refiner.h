@@ -25,8 +25,11 @@ struct SubmapRefinerOptions {
   // A keyframe with fewer inlier observations has no pose of its own (six unknowns, and some
   // redundancy to notice wrong ones).
   int min_keyframe_inliers = 8;
-  // Under this share of inliers the filter's estimate was wrong, not just inexact.
-  double min_inlier_share = 0.6;
+  // Under this share of inliers the filter's estimate was wrong, not just inexact. A hand or a
+  // person before the camera takes a third of the tracks without spoiling the rest.
+  double min_inlier_share = 0.45;
+  // Rounds of adjustment and triangulation, two at least.
+  int max_rounds = 5;
 
   Status Validate() const;
 };
