@@ -61,7 +61,7 @@ StatusOr<std::unique_ptr<FrameGrabber>> OpenCameraGrabber(int device,
                                                           double frame_rate_hz) {
   try {
     cv::VideoCapture capture;
-    if (!capture.open(device)) {
+    if (!capture.open(device, cv::CAP_V4L2)) {
       return absl::NotFoundError(Concat("camera device ", device, ": cannot be opened"));
     }
     capture.set(cv::CAP_PROP_FRAME_WIDTH, intrinsics.width_px);

@@ -37,7 +37,9 @@ StatusOr<std::unique_ptr<VideoStream>> VideoStream::Open(const std::string& path
   std::unique_ptr<VideoStream> stream(new VideoStream);
   stream->path_ = path;
   try {
-    if (!stream->capture_.open(path)) {
+    // Named, since the others that OpenCV would try are for devices, slow, and leak.
+    if (!stream->capture_.open(path, cv::CAP_FFMPEG) &&
+        !stream->capture_.open(path, cv::CAP_OPENCV_MJPEG)) {
       return absl::InvalidArgumentError(Concat(path, ": is not a video that can be decoded"));
     }
     stream->frame_rate_hz_ =
