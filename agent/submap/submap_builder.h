@@ -23,7 +23,7 @@ struct SubmapBuilderOptions {
   int min_keyframes = 3;
   // Keyframes 2, 2 + n, 2 + 2 n, ... are described for place recognition. (Keyframe 0 is the
   // predecessor's last one, which lies close to a described one already.)
-  int keyframes_per_description = 5;
+  int keyframes_per_description = 8;
   // A landmark is uploaded with an estimate when its inverse depth is this many sigmas from zero.
   double min_inverse_depth_sigmas = 4.0;
 

@@ -17,7 +17,7 @@ namespace portolan {
 
 struct FeatureExtractorOptions {
   // Given points are described at half octaves 0 .. count-1 (scales 1, 1/sqrt(2), 1/2, ...).
-  int half_octaves = 3;
+  int half_octaves = 2;
   // Corners described besides the given points, at most.
   int max_extra_corners = 100;
   // Half octaves that are searched for further corners.
