@@ -1,0 +1,113 @@
+#!/usr/bin/env bash
+# Runs the whole system, server and agents as processes, on the real sequences and prints one
+# table: coverage and ATE against the ground truth, which nothing else reads.
+#
+#   tests/accuracy/run_real.sh            all sequences of $PORTOLAN_DATA (../shared/data)
+#   tests/accuracy/run_real.sh kitchen    those whose name contains the word
+#
+# Columns: frames; share of ground-truth stamps with an estimate; ATE (RMSE after one Sim(3)
+# alignment of all agents together) of all frames in the final map; the same of what the agents
+# knew live; the ATE without the server: every agent's uncorrected odometry, each aligned alone
+# (they have no common frame, so this flatters it); connected parts of the map; kB/s up and down
+# an agent; CPU ms a frame of the agent's process.
+set -euo pipefail
+
+root="$(cd "$(dirname "$0")/../.." && pwd)"
+cd "$root"
+data="${PORTOLAN_DATA:-../shared/data}"
+filter="${1:-}"
+output=out/real
+portolan="build/${PORTOLAN_PRESET:-release}/server/cli/portolan"
+export PORTOLAN_LOCKSTEP=1
+
+if [ ! -d "$data" ]; then
+  echo "NO DATA: set PORTOLAN_DATA to the folder of the real sequences" >&2
+  exit 1
+fi
+deploy/build.sh "${PORTOLAN_PRESET:-release}" portolan-agent portolan-server portolan > /dev/null
+
+# name | sequence | truth | frame ranges, one agent each
+sequences="
+redkitchen, 3 agents|7scenes/redkitchen_seq-01|groundtruth.txt|0-302 303-605 606-909
+scenelib, 3 agents|monoslam_davison/scenelib_test_sequence|reference_sfm.txt|0-333 334-667 668-999
+redkitchen|7scenes/redkitchen_seq-01|groundtruth.txt|0-909
+MH_01|euroc/MH_01_easy_first18s|groundtruth.txt|0-359
+MH_01, 2 agents|euroc/MH_01_easy_first18s|groundtruth.txt|0-179 180-359
+checkerboard_desk|uzh_vamr/checkerboard_desk|groundtruth.txt|0-735
+scenelib|monoslam_davison/scenelib_test_sequence|reference_sfm.txt|0-999
+desk_translation|openekf/desk_translation|reference_sfm.txt|0-358
+kitti 00|kitti/odometry_00_first200|groundtruth.txt|0-199
+V1_01 stills|euroc/V1_01_easy_keyframes|groundtruth.txt|0-99
+"
+
+
+mean_of() {  # KEY FILE...: mean over the agents' summaries
+  local key="$1"
+  shift
+  cat "$@" | grep -o "\"$key\": [-0-9.e+]*" | awk '{s += $2} END {if (NR) printf "%.1f", s / NR}'
+}
+
+ate() {  # joint ATE in mm, or "-" without an estimate: ate MODE ESTIMATES... -- TRUTH
+  local mode="$1"
+  shift
+  local estimates=()
+  while [ "$1" != -- ]; do
+    if [ "$(grep -vc '^#' "$1" || true)" -gt 3 ]; then estimates+=(--estimate "$1"); fi
+    shift
+  done
+  if [ "${#estimates[@]}" -eq 0 ]; then
+    echo "-"
+    return
+  fi
+  "$portolan" evaluate "${estimates[@]}" --groundtruth "$2" |
+    awk -v mode="$mode" '
+      /^one joint/ {joint = 1} /^each agent/ {joint = 0}
+      mode == "joint" && joint && /all agents|\.tum/ && !done {
+        n = split($0, parts, "|"); split(parts[1], a, " "); split(parts[2], b, " ");
+        printf "%.1f %s", 1000 * b[1], a[length(a)]; done = 1}
+      mode == "alone" && !joint && /\.tum/ {
+        split($0, parts, "|"); split(parts[1], a, " "); split(parts[2], b, " ");
+        k = a[length(a) - 1]; s += k * b[1] * b[1]; m += k}
+      mode == "alone" && joint && /\.tum/ {
+        split($0, parts, "|"); split(parts[1], a, " "); split(parts[2], b, " ");
+        one = b[1]}
+      END {if (mode == "alone") printf "%.1f", (m > 0 ? 1000 * sqrt(s / m) : 1000 * one)}'
+}
+
+printf '%-20s %6s %8s %10s %9s %10s %5s %8s %8s %7s\n' sequence frames coverage 'final mm' \
+  'live mm' 'alone mm' parts 'up kB/s' 'dn kB/s' 'cpu ms'
+while IFS='|' read -r name sequence truth ranges; do
+  if [ -z "$name" ] || [[ "$name" != *"$filter"* ]]; then continue; fi
+  if [ ! -d "$data/$sequence" ]; then
+    printf '%-20s NO DATA: %s\n' "$name" "$data/$sequence"
+    continue
+  fi
+  folder="$output/${name//[^A-Za-z0-9]/_}"
+  specs=()
+  final=()
+  live=()
+  odometry=()
+  summaries=()
+  i=0
+  for range in $ranges; do
+    specs+=("agent$i=$data/$sequence:$range")
+    final+=("$folder/final/agent$i.tum")
+    live+=("$folder/agents/agent$i/live.tum")
+    odometry+=("$folder/agents/agent$i/odometry.tum")
+    summaries+=("$folder/agents/agent$i/summary.json")
+    i=$((i + 1))
+  done
+  if ! deploy/mission.sh "$folder" "${specs[@]}" > "$output.log" 2>&1; then
+    printf '%-20s FAILED, see %s\n' "$name" "$output.log"
+    continue
+  fi
+  read -r final_mm coverage <<< "$(ate joint "${final[@]}" -- "$data/$sequence/$truth")"
+  read -r live_mm _ <<< "$(ate joint "${live[@]}" -- "$data/$sequence/$truth")"
+  alone_mm="$(ate alone "${odometry[@]}" -- "$data/$sequence/$truth")"
+  frames="$(cat "${summaries[@]}" | grep -o '"frames": [0-9]*' | awk '{s += $2} END {print s}')"
+  parts="$(awk '/^components/ {print $2}' "$folder/info.txt")"
+  printf '%-20s %6s %8s %10s %9s %10s %5s %8s %8s %7s\n' "$name" "$frames" "${coverage:--}" \
+    "$final_mm" "$live_mm" "$alone_mm" "$parts" "$(mean_of sent_kb_per_s "${summaries[@]}")" \
+    "$(mean_of received_kb_per_s "${summaries[@]}")" \
+    "$(mean_of cpu_ms_per_frame "${summaries[@]}")"
+done <<< "$sequences"
