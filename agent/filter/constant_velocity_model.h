@@ -18,7 +18,7 @@ struct ConstantVelocityOptions {
   // Spread of the unknown velocities at the start, in scene depths a second and rad/s. A car does
   // 0.7 scene depths a second.
   double initial_linear_velocity_sigma = 0.7;
-  double initial_angular_velocity_sigma = 0.7;
+  double initial_angular_velocity_sigma = 0.3;
 
   Status Validate() const;
 };

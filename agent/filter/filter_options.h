@@ -53,7 +53,14 @@ struct FilterOptions {
   double manoeuvre_gate_share = 0.5;
   double manoeuvre_noise_factor = 4.0;
 
+  // While the unknown depths times the uncertain motion spread the matches by more than this many
+  // times the pixel noise (variance, median of the matches), the update is searched from several
+  // starts instead: the first frames of a fast camera.
+  double explore_variance = 9.0;
   KalmanUpdateOptions kalman;
+  // Error of the camera model (calibration, rolling shutter) that every match has on top of its
+  // own sigma.
+  double model_sigma_px = 1.0;
 
   // Divergence is declared over a window of frames: mean normalised innovation squared per degree
   // of freedom of the inliers above the limit (1 is expected), or share of inliers among the

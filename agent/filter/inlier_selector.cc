@@ -48,7 +48,7 @@ int OnePointRansac::HypothesesNeeded(double inlier_share) const {
 void OnePointRansac::AddPoint(const Problem& problem, int point) {
   const int done = 2 * size_, n = static_cast<int>(problem.pht.rows());
   const Eigen::Matrix<double, 2, 2 * kMaxPoints> own = whitened_rows_[point];
-  const Eigen::Matrix2d l = ConditionalCovariance(point).llt().matrixL();
+  const Eigen::Matrix2d l = ConditionalCovariance(problem, point).llt().matrixL();
   const Eigen::Matrix2d l_inverse_transposed = l.inverse().transpose();
   whitened_innovation_.segment<2>(done) =
       l_inverse_transposed.transpose() *
@@ -68,15 +68,30 @@ void OnePointRansac::AddPoint(const Problem& problem, int point) {
       whitened_gain_.leftCols(done + 2) * whitened_innovation_.head(done + 2);
 }
 
-Eigen::Matrix2d OnePointRansac::ConditionalCovariance(int j) const {
+Eigen::Matrix2d OnePointRansac::ConditionalCovariance(const Problem& problem, int j) const {
   const auto row = whitened_rows_[j].leftCols(2 * size_);
-  return prior_covariances_[j] - row * row.transpose();
+  Eigen::Matrix2d covariance = prior_covariances_[j] - row * row.transpose();
+  const LinearMeasurement& linear = problem.linear[j];
+  if (linear.d_pixel_d_shift.isZero(0)) return covariance;
+  // Second moment of the way from the anchor, given the hypothesis.
+  Eigen::Matrix3d shift = prior_shifts_[j];
+  if (size_ > 0) {
+    auto gain = whitened_gain_.topLeftCorner(3, 2 * size_).eval();
+    Eigen::Vector3d way = correction_.head<3>();
+    if (linear.anchor_offset != FilterState::kFixed) {
+      gain -= whitened_gain_.block(linear.anchor_offset, 0, 3, 2 * size_);
+      way -= correction_.segment<3>(linear.anchor_offset);
+    }
+    shift += way * way.transpose() - gain * gain.transpose();
+  }
+  return covariance + DepthShiftCovariance(problem.state, linear, shift);
 }
 
 bool OnePointRansac::IsDetermined(const Problem& problem) {
   variances_.clear();
   for (size_t j = 0; j < problem.matches.size(); ++j) {
-    variances_.push_back(0.5 * ConditionalCovariance(j).trace() / problem.linear[j].variance);
+    variances_.push_back(0.5 * ConditionalCovariance(problem, j).trace() /
+                         problem.linear[j].variance);
   }
   const auto middle = variances_.begin() + variances_.size() / 2;
   std::nth_element(variances_.begin(), middle, variances_.end());
@@ -105,7 +120,7 @@ void OnePointRansac::FindSupport(const Problem& problem) {
     }
     const auto residual = ResidualAt(problem.matches[j], problem.linear[j], problem.state,
                                      correction_, camera_pose, problem.camera);
-    if (residual && residual->dot(ConditionalCovariance(j).inverse() * *residual) <
+    if (residual && residual->dot(ConditionalCovariance(problem, j).inverse() * *residual) <
                         options_.low_innovation_chi2) {
       support_.push_back(j);
     }
@@ -119,11 +134,13 @@ InlierSet OnePointRansac::Select(std::span<const Match> matches,
   const Problem problem{matches, linear, pht, state, camera};
   const int count = static_cast<int>(matches.size());
   prior_covariances_.resize(count);
+  prior_shifts_.resize(count);
   whitened_rows_.resize(count);
   whitened_gain_.resize(pht.rows(), Eigen::NoChange);
   correction_.resize(pht.rows());
   for (int j = 0; j < count; ++j) {
-    prior_covariances_[j] = PredictedCovariance(state, linear[j]);
+    prior_shifts_[j] = ShiftCovariance(state, linear[j]);
+    prior_covariances_[j] = LinearCovariance(state, linear[j]);
     prior_covariances_[j].diagonal().array() += linear[j].variance;
   }
   InlierSet best;

@@ -32,8 +32,8 @@ std::unique_ptr<InlierSelector> MakeInlierSelector(const FilterOptions& options)
 
 // 1-point RANSAC (Civera, Grasa, Davison, Montiel, JFR 2010, Alg. 1) with two changes. A hypothesis
 // is the state updated with one match; while that leaves the other matches less certain than
-// ransac_conditional_sigma_px (at the start, after a jerk, at low frame rates), a second and third
-// match join it, since a single one cannot tell turn from translation. And the support is counted
+// ransac_conditional_sigma_px (at the start, after a jerk, at low frame rates), further ones
+// join it, since a single one cannot tell turn from translation. And the support is counted
 // with the covariance of the innovations given the hypothesis, not with the pixel noise alone: both
 // agree for well known landmarks, but new ones are not selected by the luck of their prior depth.
 // The number of hypotheses adapts to the best share of inliers found.
@@ -45,7 +45,7 @@ class OnePointRansac : public InlierSelector {
                    const CameraModel& camera) override;
 
  private:
-  static constexpr int kMaxPoints = 3;
+  static constexpr int kMaxPoints = 5;
   struct Problem {
     std::span<const Match> matches;
     std::span<const LinearMeasurement> linear;
@@ -57,7 +57,7 @@ class OnePointRansac : public InlierSelector {
   void DrawHypothesis(const Problem& problem);
   void AddPoint(const Problem& problem, int point);
   // Covariance of the innovation of match j, noise included, given the hypothesis.
-  Eigen::Matrix2d ConditionalCovariance(int j) const;
+  Eigen::Matrix2d ConditionalCovariance(const Problem& problem, int j) const;
   bool IsDetermined(const Problem& problem);
   void FindSupport(const Problem& problem);
   int HypothesesNeeded(double inlier_share) const;
@@ -65,6 +65,7 @@ class OnePointRansac : public InlierSelector {
   const FilterOptions options_;
   std::mt19937_64 random_;
   std::vector<Eigen::Matrix2d> prior_covariances_;
+  std::vector<Eigen::Matrix3d> prior_shifts_;
   // The hypothesis: its points, and with S = L L' of their innovations v: L^-1 v, the rows
   // H_j P H' L^-T of every match and P H' L^-T of the state.
   int points_[kMaxPoints] = {};

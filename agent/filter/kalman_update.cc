@@ -1,6 +1,8 @@
 #include "agent/filter/kalman_update.h"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
 
 #include "common/base/check.h"
 
@@ -43,18 +45,28 @@ Eigen::Matrix2d LinearCovariance(const FilterState& state, const LinearMeasureme
   return result + cross + cross.transpose();
 }
 
-Eigen::Matrix2d PredictedCovariance(const FilterState& state,
-                                    const LinearMeasurement& measurement) {
+Eigen::Matrix3d ShiftCovariance(const FilterState& state, const LinearMeasurement& measurement) {
   const auto p = state.covariance();
-  const int l = measurement.landmark_offset, a = measurement.anchor_offset;
-  // Uncertainty of the camera's way from the anchor, about the same for body and camera.
+  const int a = measurement.anchor_offset;
   Eigen::Matrix3d shift = p.topLeftCorner<3, 3>();
   if (a != FilterState::kFixed) {
     const Eigen::Matrix3d position_anchor = p.block<3, 3>(0, a);
     shift += p.block<3, 3>(a, a) - position_anchor - position_anchor.transpose();
   }
+  return shift;
+}
+
+Eigen::Matrix2d DepthShiftCovariance(const FilterState& state, const LinearMeasurement& measurement,
+                                     const Eigen::Matrix3d& shift) {
+  const int rho = measurement.landmark_offset + 2;
   const Matrix23d& hs = measurement.d_pixel_d_shift;
-  return LinearCovariance(state, measurement) + p(l + 2, l + 2) * (hs * shift * hs.transpose());
+  return state.covariance()(rho, rho) * (hs * shift * hs.transpose());
+}
+
+Eigen::Matrix2d PredictedCovariance(const FilterState& state,
+                                    const LinearMeasurement& measurement) {
+  return LinearCovariance(state, measurement) +
+         DepthShiftCovariance(state, measurement, ShiftCovariance(state, measurement));
 }
 
 KalmanUpdate::KalmanUpdate(const KalmanUpdateOptions& options, int max_dim, int max_measurements)
@@ -66,6 +78,7 @@ KalmanUpdate::KalmanUpdate(const KalmanUpdateOptions& options, int max_dim, int 
       applied_(max_dim),
       correction_(max_dim) {
   linear_.reserve(max_measurements);
+  residuals_.reserve(max_measurements);
 }
 
 void KalmanUpdate::ComputePHt(const FilterState& state,
@@ -126,47 +139,140 @@ bool KalmanUpdate::Solve(const FilterState& state) {
   return true;
 }
 
-bool KalmanUpdate::IsLinearEnough(std::span<const Match> matches, const CameraModel& camera,
-                                  const FilterState& state) {
+bool KalmanUpdate::ComputeResiduals(std::span<const Match> matches, const CameraModel& camera,
+                                    const FilterState& state) {
   const Rigid3 camera_pose = state.motion().submap_from_camera();
-  const auto correction = correction_.head(state.dim());
-  double sum = 0;
-  for (size_t i = 0; i < matches.size(); ++i) {
-    const Landmark& landmark = state.landmarks()[matches[i].landmark];
+  residuals_.clear();
+  for (const Match& match : matches) {
+    const Landmark& landmark = state.landmarks()[match.landmark];
     const auto pixel =
         ProjectLandmark(landmark, state.AnchorPosition(landmark), camera_pose, camera);
     if (!pixel.has_value()) return false;
+    residuals_.push_back(match.pixel - *pixel);
+  }
+  return true;
+}
+
+bool KalmanUpdate::IsLinearEnough(const FilterState& state) const {
+  const auto correction = correction_.head(state.dim());
+  double sum = 0;
+  for (size_t i = 0; i < linear_.size(); ++i) {
     const LinearMeasurement& linear = linear_[i];
     Eigen::Vector2d expected = linear.innovation - linear.d_pose * correction.head<6>() -
                                linear.d_landmark * correction.segment<3>(linear.landmark_offset);
     if (linear.anchor_offset != FilterState::kFixed) {
       expected -= linear.d_anchor * correction.segment<3>(linear.anchor_offset);
     }
-    sum += (matches[i].pixel - *pixel - expected).squaredNorm() / linear.variance;
+    sum += (residuals_[i] - expected).squaredNorm() / linear.variance;
   }
   const double limit = options_.nonlinearity_sigmas * options_.nonlinearity_sigmas;
-  return sum <= limit * 2 * matches.size();
+  return sum <= limit * 2 * linear_.size();
 }
 
-std::optional<double> KalmanUpdate::Apply(std::span<const Match> matches, const CameraModel& camera,
-                                          FilterState* state) {
-  if (matches.empty()) return 0.0;
-  const int n = state->dim(), rows = 2 * static_cast<int>(matches.size());
-  PORTOLAN_CHECK(rows <= innovation_.size());
-  auto applied = applied_.head(n);
-  applied.setZero();
+bool KalmanUpdate::Iterate(std::span<const Match> matches, const CameraModel& camera,
+                           FilterState* state) {
+  auto applied = applied_.head(state->dim());
   for (int iteration = 1; LineariseAll(matches, camera, *state) && Solve(*state); ++iteration) {
     state->Correct(-applied);
-    applied = correction_.head(n);
+    applied = correction_.head(state->dim());
     state->Correct(applied);
-    if (iteration < options_.max_iterations && !IsLinearEnough(matches, camera, *state)) continue;
+    if (!ComputeResiduals(matches, camera, *state)) return false;
+    if (iteration >= options_.max_iterations || IsLinearEnough(*state)) return true;
+  }
+  return false;
+}
+
+bool KalmanUpdate::RejectContradicting(std::vector<Match>* matches) const {
+  double worst = 0;
+  for (size_t i = 0; i < matches->size(); ++i) {
+    worst = std::max(worst, residuals_[i].squaredNorm() / (*matches)[i].variance);
+  }
+  if (worst <= options_.max_residual_chi2) return false;
+  // A bad match spoils the residuals of the good ones, so only those like the worst go at once.
+  const double limit = std::max(options_.max_residual_chi2, 0.25 * worst);
+  size_t kept = 0;
+  for (size_t i = 0; i < matches->size(); ++i) {
+    if (residuals_[i].squaredNorm() / (*matches)[i].variance <= limit) {
+      (*matches)[kept++] = (*matches)[i];
+    }
+  }
+  matches->resize(kept);
+  return true;
+}
+
+double KalmanUpdate::RobustCost(std::span<const Match> matches) const {
+  // v' S^-1 v is the cost of the prior plus that of the weighted residuals.
+  const double scale = options_.explore_cost_sigmas * options_.explore_cost_sigmas;
+  double cost = innovation_.head(2 * matches.size()).squaredNorm();
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const double square = residuals_[i].squaredNorm() / matches[i].variance;
+    cost += scale * std::log1p(square / scale) - residuals_[i].squaredNorm() / linear_[i].variance;
+  }
+  return cost;
+}
+
+std::optional<double> KalmanUpdate::IterateRobustly(std::span<const Match> matches,
+                                                    const CameraModel& camera, FilterState* state) {
+  const double scale = options_.explore_cost_sigmas * options_.explore_cost_sigmas;
+  auto applied = applied_.head(state->dim());
+  for (int iteration = 0; iteration < options_.explore_iterations; ++iteration) {
+    if (!ComputeResiduals(matches, camera, *state)) return std::nullopt;
+    if (!LineariseAll(matches, camera, *state)) return std::nullopt;
+    for (size_t i = 0; i < matches.size() && iteration > 0; ++i) {
+      const double square = residuals_[i].squaredNorm() / matches[i].variance;
+      linear_[i].variance = matches[i].variance * (1 + square / scale);
+    }
+    if (!Solve(*state)) return std::nullopt;
+    state->Correct(-applied);
+    applied = correction_.head(state->dim());
+    state->Correct(applied);
+  }
+  if (!ComputeResiduals(matches, camera, *state)) return std::nullopt;
+  return RobustCost(matches);
+}
+
+std::optional<KalmanUpdate::Exploration> KalmanUpdate::Explore(
+    std::span<const Match> matches, std::span<const Eigen::Vector3d> camera_shifts,
+    const CameraModel& camera, FilterState* state) {
+  PORTOLAN_CHECK(2 * static_cast<int>(matches.size()) <= innovation_.size());
+  std::optional<Exploration> best;
+  auto applied = applied_.head(state->dim());
+  for (const Eigen::Vector3d& shift : camera_shifts) {
+    applied.setZero();
+    applied.head<3>() = shift;
+    state->Correct(applied);
+    const auto cost = IterateRobustly(matches, camera, state);
+    state->Correct(-applied);
+    if (!cost || (best && *cost >= best->cost)) continue;
+    best = Exploration{applied, {}, *cost};
+    for (size_t i = 0; i < matches.size(); ++i) {
+      if (residuals_[i].squaredNorm() < options_.max_residual_chi2 * matches[i].variance) {
+        best->inliers.push_back(static_cast<int>(i));
+      }
+    }
+  }
+  return best;
+}
+
+std::optional<double> KalmanUpdate::Apply(std::vector<Match>* matches, const CameraModel& camera,
+                                          FilterState* state, const Eigen::VectorXd* start) {
+  const int n = state->dim();
+  PORTOLAN_CHECK(2 * static_cast<int>(matches->size()) <= innovation_.size());
+  applied_.head(n).setZero();
+  if (start != nullptr) {
+    applied_.head(n) = *start;
+    state->Correct(*start);
+  }
+  for (int round = 0; !matches->empty() && Iterate(*matches, camera, state); ++round) {
+    if (round < options_.max_rejection_rounds && RejectContradicting(matches)) continue;
+    const int rows = 2 * static_cast<int>(matches->size());
     auto p = state->covariance();
     const auto w = half_gain_.topLeftCorner(rows, n);
     p.selfadjointView<Eigen::Lower>().rankUpdate(w.transpose(), -1.0);
     p.triangularView<Eigen::StrictlyUpper>() = p.transpose();
     return innovation_.head(rows).squaredNorm();
   }
-  state->Correct(-applied);
+  state->Correct(-applied_.head(n));
   return std::nullopt;
 }
 

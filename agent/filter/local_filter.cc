@@ -83,7 +83,9 @@ UpdateResult LocalFilter::Update(std::span<const Measurement> measurements) {
     gated = GateMatches();
   }
   noise_is_fresh_ = false;
-  const double sum = UpdateLowInnovation(gated, &result) + UpdateRescued();
+  double sum =
+      IsFarFromLinear(gated) ? UpdateByExploring(gated) : UpdateLowInnovation(gated, &result);
+  sum += UpdateRescued();
   for (const Candidate& candidate : candidates_) {
     (candidate.used ? result.inliers : result.outliers).push_back(candidate.track);
   }
@@ -110,7 +112,7 @@ void LocalFilter::FindMatches(std::span<const Measurement> measurements, UpdateR
     }
     Candidate candidate;
     candidate.track = measurement.track;
-    candidate.match = {index, measurement.pixel, measurement.sigma_px * measurement.sigma_px};
+    candidate.match = {index, measurement.pixel, PixelVariance(measurement)};
     candidates_.push_back(candidate);
   }
 }
@@ -124,6 +126,37 @@ int LocalFilter::GateMatches() {
   };
   return std::stable_partition(candidates_.begin(), candidates_.end(), inside) -
          candidates_.begin();
+}
+
+bool LocalFilter::IsFarFromLinear(int gated) {
+  if (gated == 0) return false;
+  spreads_.clear();
+  for (int i = 0; i < gated; ++i) {
+    const LinearMeasurement& linear = candidates_[i].linear;
+    spreads_.push_back(
+        DepthShiftCovariance(state_, linear, ShiftCovariance(state_, linear)).trace() /
+        (2 * linear.variance));
+  }
+  std::nth_element(spreads_.begin(), spreads_.begin() + gated / 2, spreads_.end());
+  return spreads_[gated / 2] > options_.explore_variance;
+}
+
+double LocalFilter::UpdateByExploring(int gated) {
+  matches_.clear();
+  for (int i = 0; i < gated; ++i) matches_.push_back(candidates_[i].match);
+  // From rest, and from half a sigma of position along each axis of the camera.
+  std::vector<Eigen::Vector3d> shifts = {Eigen::Vector3d::Zero()};
+  const Eigen::Matrix3d axes = submap_from_camera().rotation.toRotationMatrix();
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d axis = axes.col(i);
+    const double sigma = std::sqrt(axis.dot(state_.covariance().topLeftCorner<3, 3>() * axis));
+    shifts.push_back(0.5 * sigma * axis);
+    shifts.push_back(-0.5 * sigma * axis);
+  }
+  const auto found = kalman_.Explore(matches_, shifts, camera_, &state_);
+  if (!found.has_value()) return 0;
+  for (int i : found->inliers) candidates_[i].used = true;
+  return UpdateWithUsed(0, &found->correction);
 }
 
 double LocalFilter::UpdateLowInnovation(int gated, UpdateResult* result) {
@@ -153,15 +186,18 @@ double LocalFilter::UpdateRescued() {
   return UpdateWithUsed(rest - candidates_.begin());
 }
 
-double LocalFilter::UpdateWithUsed(int first) {
+double LocalFilter::UpdateWithUsed(int first, const Eigen::VectorXd* start) {
   matches_.clear();
   for (size_t i = first; i < candidates_.size(); ++i) {
-    if (candidates_[i].used) matches_.push_back(candidates_[i].match);
+    if (!candidates_[i].used) continue;
+    matches_.push_back(candidates_[i].match);
+    matches_.back().candidate = static_cast<int>(i);
+    candidates_[i].used = false;
   }
-  const auto sum = kalman_.Apply(matches_, camera_, &state_);
-  if (sum.has_value()) return *sum;
-  for (size_t i = first; i < candidates_.size(); ++i) candidates_[i].used = false;
-  return 0;
+  const auto sum = kalman_.Apply(&matches_, camera_, &state_, start);
+  if (!sum.has_value()) return 0;
+  for (const Match& match : matches_) candidates_[match.candidate].used = true;
+  return *sum;
 }
 
 void LocalFilter::MaintainLandmarks(UpdateResult* result) {
@@ -211,10 +247,15 @@ int LocalFilter::AddLandmarks(std::span<const Measurement> measurements) {
         MakeRay(measurement.track, measurement.pixel, inverse_depth, rotation, camera_);
     if (!ray.has_value()) continue;
     if (anchor < 0) anchor = state_.AddAnchor();
-    state_.AddRay(*ray, anchor, measurement.sigma_px * measurement.sigma_px, sigma * sigma);
+    state_.AddRay(*ray, anchor, PixelVariance(measurement), sigma * sigma);
     ++added;
   }
   return added;
+}
+
+double LocalFilter::PixelVariance(const Measurement& measurement) const {
+  return measurement.sigma_px * measurement.sigma_px +
+         options_.model_sigma_px * options_.model_sigma_px;
 }
 
 void LocalFilter::RemoveLandmarks(std::span<const TrackId> tracks) {

@@ -89,15 +89,20 @@ class LocalFilter {
   void FindMatches(std::span<const Measurement> measurements, UpdateResult* result);
   // Moves the matches inside the prior gate to the front; returns their number.
   int GateMatches();
+  // The candidates are far from linear: their unknown depths matter as soon as the camera moves.
+  bool IsFarFromLinear(int gated);
+  // Updates with the inliers of the most likely motion, whatever the linearisation says.
+  double UpdateByExploring(int gated);
   // Updates with the low-innovation inliers among the gated; returns v' S^-1 v.
   double UpdateLowInnovation(int gated, UpdateResult* result);
   // Updates with those of the rest that fit now.
   double UpdateRescued();
-  // Updates with the used candidates from `first` on; unmarks them if that fails.
-  double UpdateWithUsed(int first);
+  // Updates with the used candidates from `first` on; unmarks those that do not fit after all.
+  double UpdateWithUsed(int first, const Eigen::VectorXd* start = nullptr);
   // Drops impossible depths and converts the rays whose depth has become linear.
   void MaintainLandmarks(UpdateResult* result);
   void UpdateMedianInverseDepth();
+  double PixelVariance(const Measurement& measurement) const;
   void RecordStatistics(const UpdateResult& result);
 
   struct Candidate {
@@ -116,6 +121,7 @@ class LocalFilter {
   std::vector<Match> matches_;
   std::vector<LinearMeasurement> linear_;
   std::vector<double> inverse_depths_;
+  std::vector<double> spreads_;
   std::deque<FrameStatistics> window_;
   double median_inverse_depth_;
   bool noise_is_fresh_ = false;

@@ -154,11 +154,9 @@ void PointWorld::Replenish(LocalFilter* filter) {
                                 uniform(random_) * (camera_.height_px() - 1));
     const auto bearing = camera_.Unproject(pixel);
     if (!bearing) continue;
-    double inverse_depth = 0;
-    while (inverse_depth < options_.min_inverse_depth) {
-      inverse_depth = options_.depth
-                          ? 1.0 / options_.depth(pose, *bearing)
-                          : mean * (1 + options_.inverse_depth_sigma_ratio * normal(random_));
+    double inverse_depth = options_.depth ? 1.0 / options_.depth(pose, *bearing) : 0.0;
+    while (!options_.depth && inverse_depth < options_.min_inverse_depth * mean) {
+      inverse_depth = mean * (1 + options_.inverse_depth_sigma_ratio * normal(random_));
     }
     const TrackId track(next_track_++);
     points_in_world_[track] = pose * Eigen::Vector3d(*bearing / inverse_depth);

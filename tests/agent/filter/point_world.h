@@ -23,7 +23,7 @@ struct PointWorldOptions {
   // Landmarks kept in the filter.
   int landmarks = 40;
   // Inverse depth of a point that comes into view, about the median of those in the filter, as the
-  // filter's own prior has it; drawn until it is above min_inverse_depth.
+  // filter's own prior has it; drawn until it is above this share of the median.
   double inverse_depth_sigma_ratio = 0.5;
   double min_inverse_depth = 0.02;
   // If set, the points' depth in the camera instead (pixel -> distance), e.g. the walls of a room.
