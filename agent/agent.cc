@@ -74,7 +74,7 @@ Agent::Agent(const AgentOptions& options, const CameraModel& camera, const Subma
 
 StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray) {
   PORTOLAN_RETURN_IF_ERROR(CheckFrame(time, gray));
-  is_keyframe_ = false;
+  is_keyframe_ = begins_submap_ = tracking_failed_ = false;
   std::optional<Submap> failed;
   if (tracking_ && health_.IsPauseTooLong(time - *last_time_)) failed = HandleFailure(time);
   last_time_ = time;
@@ -199,6 +199,7 @@ void Agent::AddKeyframe(Timestamp time) {
 
 void Agent::OpenSubmap(LinkType link) {
   link_ = link;
+  begins_submap_ = true;
   builder_.Open(key_, link);
 }
 
@@ -224,6 +225,7 @@ std::optional<Submap> Agent::HandleFailure(Timestamp spoiled_from) {
   link_ = key_.sequence_number == 0 ? LinkType::kNone : LinkType::kBroken;
   predecessor_from_submap_ = Rigid3::Identity();
   tracking_ = false;
+  tracking_failed_ = true;
   std::vector<TrackId> all;
   for (const TrackedPoint& point : tracker_->points()) all.push_back(point.track);
   tracker_->Drop(all);
@@ -244,6 +246,8 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) con
   result.predecessor_from_submap = predecessor_from_submap_;
   result.submap_from_camera = filter_->submap_from_camera();
   result.tracked = tracked;
+  result.begins_submap = begins_submap_;
+  result.tracking_failed = tracking_failed_;
   result.landmarks_measured = measured_;
   result.tracks = static_cast<int>(tracker_->points().size());
   result.is_keyframe = is_keyframe_;

@@ -43,6 +43,11 @@ struct FrameResult {
   Rigid3 submap_from_camera;
   // False while tracking is failing: the pose is a prediction.
   bool tracked = false;
+  // The first frame of its submap. A submap that failed too early for an upload leaves its number
+  // to the next one; this tells them apart.
+  bool begins_submap = false;
+  // Tracking failed for good, or the pause before this image was too long.
+  bool tracking_failed = false;
   int landmarks_measured = 0;
   int tracks = 0;
   bool is_keyframe = false;
@@ -98,8 +103,11 @@ class Agent {
   TrackingHealth health_;
   std::vector<PredictedMeasurement> predicted_;
   int measured_ = 0;
-  bool is_keyframe_ = false;
   bool tracking_ = false;
+  // Of the present frame.
+  bool is_keyframe_ = false;
+  bool begins_submap_ = false;
+  bool tracking_failed_ = false;
   std::optional<Timestamp> last_time_;
 };
 

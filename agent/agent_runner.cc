@@ -152,10 +152,7 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
     PORTOLAN_RETURN_IF_ERROR(TakeSubmap(std::move(*result->closed_submap)));
   }
   const uint32_t sequence_number = result->submap_sequence_number;
-  if (open_submap_ != sequence_number) {
-    corrector_.OpenSubmap(sequence_number, PredecessorOf(*result));
-    open_submap_ = sequence_number;
-  }
+  if (result->begins_submap) corrector_.OpenSubmap(sequence_number, PredecessorOf(*result));
   recorder_.AddFrame(frame.time, *result,
                      corrector_.Place(sequence_number, result->submap_from_camera), frame_ms);
   if (uplink_ && result->tracked) {

@@ -76,7 +76,6 @@ class AgentRunner {
   std::unique_ptr<Outbox> offline_outbox_;  // without a server
   std::unique_ptr<UplinkSession> uplink_;
   std::vector<std::unique_ptr<UplinkSession>> earlier_sessions_;
-  std::optional<uint32_t> open_submap_;
 };
 
 }  // namespace portolan

@@ -63,18 +63,16 @@ void RunRecorder::AddFrame(Timestamp time, const FrameResult& result, const Plac
   frame_ms_.push_back(frame_ms);
   if (!first_time_) first_time_ = time;
   last_time_ = time;
-  if (sequence_number_ != result.submap_sequence_number || pieces_.empty()) {
-    const bool connected = result.link == LinkType::kConnected && !pieces_.empty();
-    if (!pieces_.empty() && !connected) ++lost_;
-    if (connected) {
+  if (result.tracking_failed) ++lost_;
+  if (result.begins_submap) {
+    if (result.link == LinkType::kConnected && !pieces_.empty()) {
       auto& piece = pieces_.back();
       piece.piece_from_submap = piece.piece_from_submap * result.predecessor_from_submap;
     } else {
       pieces_.emplace_back();
     }
-    sequence_number_ = result.submap_sequence_number;
   }
-  if (!result.tracked) return;
+  if (!result.tracked || pieces_.empty()) return;
   ++tracked_frames_;
   live_.push_back({time, placed});
   auto& piece = pieces_.back();

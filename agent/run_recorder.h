@@ -77,7 +77,6 @@ class RunRecorder {
   std::vector<double> frame_ms_;
   std::vector<LivePoseRecord> live_;
   std::vector<OdometryPiece> pieces_;
-  std::optional<uint32_t> sequence_number_;
   int64_t tracked_frames_ = 0;
   int64_t lost_ = 0;
   std::optional<Timestamp> first_time_;

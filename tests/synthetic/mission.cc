@@ -133,6 +133,14 @@ CameraIntrinsics MissionOptions::EurocLikeCamera() {
   return camera;
 }
 
+CameraIntrinsics MissionOptions::SmallCamera() {
+  CameraIntrinsics camera = EurocLikeCamera();
+  camera.width_px /= 2, camera.height_px /= 2;
+  camera.fx_px /= 2, camera.fy_px /= 2;
+  camera.cx_px = 0.5 * camera.cx_px - 0.25, camera.cy_px = 0.5 * camera.cy_px - 0.25;
+  return camera;
+}
+
 Status MissionOptions::Validate() const {
   if (FindPlan(name) == nullptr) {
     return absl::InvalidArgumentError(
