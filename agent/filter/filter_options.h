@@ -39,7 +39,7 @@ struct FilterOptions {
   // Support of a hypothesis: squared residual in the covariance that is left given the hypothesis
   // (99 % of chi-square(2)).
   double low_innovation_chi2 = 9.21;
-  // A hypothesis takes up to three matches until the variance that it leaves to the median match
+  // A hypothesis takes up to five matches until the variance that it leaves to the median match
   // is below this many times the pixel noise.
   double ransac_conditional_variance = 9.0;
   // Rescue after the low-innovation update, 99 % of chi-square(2).

@@ -31,10 +31,10 @@ class InlierSelector {
 std::unique_ptr<InlierSelector> MakeInlierSelector(const FilterOptions& options);
 
 // 1-point RANSAC (Civera, Grasa, Davison, Montiel, JFR 2010, Alg. 1) with two changes. A hypothesis
-// is the state updated with one match; while that leaves the other matches less certain than
-// ransac_conditional_sigma_px (at the start, after a jerk, at low frame rates), further ones
-// join it, since a single one cannot tell turn from translation. And the support is counted
-// with the covariance of the innovations given the hypothesis, not with the pixel noise alone: both
+// is the state updated with one match; while that leaves the median other match less certain than
+// ransac_conditional_variance says (at the start, after a jerk, at low frame rates), further ones
+// join it, since a single one cannot tell turn from translation. And the support is counted with
+// the covariance of the innovations given the hypothesis, not with the pixel noise alone: both
 // agree for well known landmarks, but new ones are not selected by the luck of their prior depth.
 // The number of hypotheses adapts to the best share of inliers found.
 class OnePointRansac : public InlierSelector {
