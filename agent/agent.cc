@@ -157,6 +157,7 @@ int Agent::UpdateFilter() {
   const UpdateResult update = filter_->Update(MeasurementsOf(
       tracker_->points(), [this](TrackId track) { return landmarks_.IsLandmark(track); }));
   Remove(landmarks_.Report(predicted_, update));
+  landmarks_.Remove(update.dropped);  // the filter has let go of these itself
   measured_ = static_cast<int>(update.inliers.size());
   return measured_;
 }

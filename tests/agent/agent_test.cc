@@ -134,19 +134,23 @@ TEST(Agent, TimesThatDoNotAscendAreRefusedAndLeaveNoTrace) {
 
 TEST(Agent, DarknessEndsTheSubmapBeforeItBegan) {
   constexpr size_t kDarkFrom = 60, kLightFrom = 80;
+  // A start may fail once and be tried again.
+  constexpr size_t kTrackedFrom = kLightFrom + 10;
   std::vector<TimedImage> images = RenderedImages();
   for (size_t i = kDarkFrom; i < kLightFrom; ++i) images[i].gray = BlackImage();
   const AgentRun run = RunAgent(images);
   ASSERT_EQ(run.results.size(), images.size());
   for (size_t i = 0; i < images.size(); ++i) {
-    EXPECT_EQ(run.results[i].tracked, i < kDarkFrom || i >= kLightFrom) << "frame " << i;
+    if (i >= kLightFrom && i < kTrackedFrom) continue;
+    EXPECT_EQ(run.results[i].tracked, i < kDarkFrom || i >= kTrackedFrom) << "frame " << i;
   }
   ASSERT_GE(run.submaps.size(), 2u);
   EXPECT_EQ(run.broken_links(), 1);
   for (size_t i = 0; i < run.submaps.size(); ++i) {
     EXPECT_EQ(run.submaps[i].key.sequence_number, i);
     if (run.submaps[i].link != LinkType::kBroken) continue;
-    EXPECT_EQ(run.submaps[i].frames.front().time, images[kLightFrom].time);
+    EXPECT_GE(run.submaps[i].frames.front().time, images[kLightFrom].time);
+    EXPECT_LT(run.submaps[i].frames.front().time, images[kTrackedFrom].time);
     ASSERT_GT(i, 0u);
     const Submap& before = run.submaps[i - 1];
     EXPECT_EQ(before.frames.back().time, images[kDarkFrom - 1].time);
