@@ -68,7 +68,7 @@ ate() {  # joint ATE in mm, or "-" without an estimate: ate MODE ESTIMATES... --
       mode == "alone" && !joint && /\.tum/ {
         split($0, parts, "|"); split(parts[1], a, " "); split(parts[2], b, " ");
         k = a[length(a) - 1]; s += k * b[1] * b[1]; m += k}
-      mode == "alone" && joint && /\.tum/ {
+      mode == "alone" && joint && /all agents/ {
         split($0, parts, "|"); split(parts[1], a, " "); split(parts[2], b, " ");
         one = b[1]}
       END {if (mode == "alone") printf "%.1f", (m > 0 ? 1000 * sqrt(s / m) : 1000 * one)}'
