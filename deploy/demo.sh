@@ -12,6 +12,7 @@ root="$(cd "$(dirname "$0")/.." && pwd)"
 cd "$root"
 started=$SECONDS
 output=out/demo
+mkdir -p out
 build=build/release
 
 echo "== Build"
