@@ -22,7 +22,9 @@ namespace portolan {
 struct AgentOptions {
   TrackerOptions tracker;
   FilterOptions filter;
-  ConstantVelocityOptions motion;
+  // Wider at the start than the filter's own default: real runs start in motion more often.
+  ConstantVelocityOptions motion{.initial_linear_velocity_sigma = 0.7,
+                                 .initial_angular_velocity_sigma = 0.7};
   LandmarkManagerOptions landmarks;
   KeyframeSelectorOptions keyframes;
   SubmapBuilderOptions submap;

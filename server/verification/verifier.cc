@@ -136,7 +136,6 @@ class Verification {
       report_->visible_share = inliers_.size() / std::max(1.0, 0.5 * guided.predicted);
     }
     CountSupport();
-    if (report_->evidence < options_.min_evidence) return Refuse("too little evidence");
     const double scale = a_from_b_.scale;
     const bool believable =
         scale < ransac_options_.max_scale && scale * ransac_options_.max_scale > 1;

@@ -30,14 +30,14 @@ struct VerifierOptions {
   // Acceptance. The figures behind the defaults are in README.md.
   // Evidence, in nats, of the putative matches for the hypothesis (see pair_evidence.h), as found
   // and as refined.
-  double min_evidence = 150.0;
+  double min_evidence = 140.0;
   // Matched points after guided matching; of these, with a landmark on both sides.
   int min_inliers = 20;
   int min_landmark_matches = 15;
   // Inliers among the matches that guided matching found, and those among the landmarks that
   // should be visible.
   double min_inlier_share = 0.5;
-  double min_visible_share = 0.2;
+  double min_visible_share = 0.25;
   // Cells of an 8 x 6 grid over the image that inliers occupy, in each submap's best keyframe.
   int min_cells = 8;
   // A rival (see rivals.h) must have less than this share of the winner's evidence.
