@@ -32,7 +32,7 @@ LocalityWords::LocalityWords(int tables, int bits_per_word) : bits_per_word_(bit
   for (int table = 0; table < tables; ++table) {
     if (static_cast<int>(unused.size()) < bits_per_word) unused = ShuffledBits(&random);
     bits_.insert(bits_.end(), unused.end() - bits_per_word, unused.end());
-    unused.resize(unused.size() - bits_per_word);
+    unused.erase(unused.end() - bits_per_word, unused.end());
   }
 }
 
