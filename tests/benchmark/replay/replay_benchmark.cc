@@ -1,0 +1,159 @@
+// Integrates a replayed fleet in this process and prints, at 100, 300, 1,000, 3,000 and 10,000
+// submaps, what a submap costs in each stage, the memory and the error of the map.
+//
+//   replay_benchmark [--submaps 1000] [--agents 100] [--visits 3] [--seed 1]
+//                    [--background_ms 0]   background work after each submap, interrupted then
+//                    [--polish]            background work to its end, at the end
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdio>
+#include <map>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "server/map_builder.h"
+#include "server/query/landmark_index.h"
+#include "tests/benchmark/replay/map_error.h"
+#include "tests/benchmark/replay/process_memory.h"
+#include "tests/support/replay_fleet.h"
+
+namespace portolan {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double MillisecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+double Quantile(std::vector<double> values, double share) {
+  if (values.empty()) return 0;
+  const size_t place = static_cast<size_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(place),
+                   values.end());
+  return values[place];
+}
+
+// Runs background work and interrupts it after a while.
+double RunBackground(MapBuilder* builder, double limit_ms) {
+  const Clock::time_point start = Clock::now();
+  std::atomic<bool> interrupt = false;
+  std::mutex mutex;
+  std::condition_variable done;
+  bool is_done = false;
+  std::thread timer([&] {
+    std::unique_lock lock(mutex);
+    done.wait_for(lock, std::chrono::duration<double, std::milli>(limit_ms),
+                  [&] { return is_done; });
+    interrupt = true;
+  });
+  while (!interrupt && builder->HasBackgroundWork()) builder->RunBackgroundWork(interrupt);
+  {
+    const std::lock_guard lock(mutex);
+    is_done = true;
+  }
+  done.notify_one();
+  timer.join();
+  return MillisecondsSince(start);
+}
+
+class Replay {
+ public:
+  explicit Replay(const std::map<std::string, double>& flags)
+      : submaps_(static_cast<int>(flags.at("submaps"))),
+        background_ms_(flags.at("background_ms")),
+        fleet_(ReplayFleetOptions::For(submaps_, static_cast<int>(flags.at("agents")),
+                                       flags.at("visits"),
+                                       static_cast<uint64_t>(flags.at("seed")))),
+        builder_(std::move(MapBuilder::Create({})).value()) {}
+
+  void Run(bool polish) {
+    std::printf(
+        "submaps | integrate ms median p95 max | refine link recognise verify align fuse | "
+        "background ms | components closures | ATE mm of submaps | RSS MB | box us nearest us\n");
+    for (int i = 1; i <= submaps_; ++i) {
+      Integrate(i);
+      if (i == submaps_ || i == 100 || i == 300 || i == 1000 || i == 3000) Report(i);
+    }
+    if (!polish) return;
+    const Clock::time_point start = Clock::now();
+    const std::atomic<bool> never = false;
+    while (builder_->HasBackgroundWork()) builder_->RunBackgroundWork(never);
+    std::printf("polished in %.1f s\n", MillisecondsSince(start) / 1000);
+    Report(submaps_);
+  }
+
+ private:
+  void Integrate(int number) {
+    ReplaySubmap submap = fleet_.Next();
+    truth_.push_back(std::move(submap.world_from_camera));
+    const Clock::time_point start = Clock::now();
+    builder_->IntegrateSubmap({SubmapId(number), std::move(submap.submap), fleet_.camera()});
+    integrate_ms_.push_back(MillisecondsSince(start));
+    if (background_ms_ > 0) background_.push_back(RunBackground(builder_.get(), background_ms_));
+    index_ = LandmarkIndex::Build(builder_->snapshot(), index_.get());
+  }
+
+  static double MeanMs(const StageTime& now, const StageTime& before) {
+    return (now.total_ms - before.total_ms) /
+           std::max(1.0, static_cast<double>(now.count - before.count));
+  }
+
+  void Report(int number) {
+    const size_t recent = std::min<size_t>(integrate_ms_.size(), std::max(50, number / 10));
+    const std::vector<double> last(integrate_ms_.end() - static_cast<std::ptrdiff_t>(recent),
+                                   integrate_ms_.end());
+    const StageTimes& now = builder_->stage_times();
+    const auto snapshot = builder_->snapshot();
+    const MapError error = ErrorOf(*snapshot, truth_);
+    std::printf(
+        "%6d | %6.1f %6.1f %7.1f | %5.1f %5.2f %5.1f %6.1f %6.1f %5.1f | %6.1f %6.1f | %4d %6zu | "
+        "%8.1f of %5d (%d quarantined, %.0f m) | %6.0f\n",
+        number, Quantile(last, 0.5), Quantile(last, 0.95), Quantile(last, 1),
+        MeanMs(now.refine, before_.refine), MeanMs(now.link, before_.link),
+        MeanMs(now.recognise, before_.recognise), MeanMs(now.verify, before_.verify),
+        MeanMs(now.align, before_.align), MeanMs(now.fuse, before_.fuse),
+        MeanMs(now.background, before_.background), Quantile(background_, 0.95), error.components,
+        snapshot->closures->size(), 1000 * error.ate_m, error.submaps, error.quarantined,
+        error.path_m, ProcessMemoryMb("self", "VmRSS"));
+    std::fflush(stdout);
+    before_ = now;
+    background_.clear();
+  }
+
+  const int submaps_;
+  const double background_ms_;
+  ReplayFleet fleet_;
+  std::unique_ptr<MapBuilder> builder_;
+  std::shared_ptr<const LandmarkIndex> index_;
+  std::vector<std::vector<Rigid3>> truth_;
+  std::vector<double> integrate_ms_;
+  std::vector<double> background_;
+  StageTimes before_;
+};
+
+}  // namespace
+}  // namespace portolan
+
+int main(int argc, char** argv) {
+  std::map<std::string, double> flags = {
+      {"submaps", 1000}, {"agents", 100}, {"visits", 3}, {"seed", 1}, {"background_ms", 0}};
+  bool polish = false;
+  for (int i = 1; i < argc; ++i) {
+    const std::string name = std::string(argv[i]).substr(0, 2) == "--" ? argv[i] + 2 : "";
+    if (name == "polish") {
+      polish = true;
+    } else if (flags.contains(name) && i + 1 < argc) {
+      flags[name] = std::stod(argv[++i]);
+    } else {
+      std::fprintf(stderr, "unknown argument %s\n", argv[i]);
+      return 2;
+    }
+  }
+  portolan::Replay(flags).Run(polish);
+  return 0;
+}
