@@ -6,13 +6,13 @@
 
 #include <atomic>
 #include <iostream>
-#include <limits>
 #include <map>
 #include <thread>
 
 #include "common/client/map_client.h"
 #include "common/wire/submap_wire.h"
-#include "tests/end_to_end/server_process.h"
+#include "tests/end_to_end/child_process.h"
+#include "tests/end_to_end/map_positions.h"
 #include "tests/server/support/agent_connection.h"
 #include "tests/support/synthetic_submaps.h"
 #include "tests/support/temp_dir.h"
@@ -21,7 +21,10 @@ namespace portolan {
 namespace {
 
 using testing::AgentConnection;
+using testing::KeyframePositions;
+using testing::ReadKeyframePositions;
 using testing::ServerProcess;
+using testing::WorstDifference;
 
 // The uploads of each agent of a synthetic mission in which the agents see each other's places.
 class Fleet {
@@ -95,41 +98,6 @@ class Fleet {
   std::atomic<int> finished_ = 0;
 };
 
-// Keyframe positions of all agents by agent and time.
-std::map<std::pair<std::string, int64_t>, Eigen::Vector3d> Positions(const MapClient& client) {
-  std::map<std::pair<std::string, int64_t>, Eigen::Vector3d> positions;
-  const auto agents = client.ListAgents();
-  EXPECT_TRUE(agents.ok()) << agents.status();
-  if (!agents.ok()) return positions;
-  for (const v1::AgentInfo& agent : agents->agents()) {
-    v1::GetTrajectoryRequest request;
-    request.set_agent_id(agent.agent_id());
-    request.set_kind(v1::TRAJECTORY_KIND_KEYFRAMES);
-    const auto segments = client.GetTrajectory(request);
-    EXPECT_TRUE(segments.ok()) << segments.status();
-    if (!segments.ok()) continue;
-    for (const v1::TrajectorySegment& segment : *segments) {
-      for (int i = 0; i < segment.time_ns_size(); ++i) {
-        const double* pose = segment.world_from_camera().data() + 7 * i;
-        positions[{agent.agent_id(), segment.time_ns(i)}] = {pose[4], pose[5], pose[6]};
-      }
-    }
-  }
-  return positions;
-}
-
-// Largest distance between the same keyframes; infinite if they are not the same ones.
-double WorstDifference(const std::map<std::pair<std::string, int64_t>, Eigen::Vector3d>& a,
-                       const std::map<std::pair<std::string, int64_t>, Eigen::Vector3d>& b) {
-  double worst = a.size() == b.size() && !a.empty() ? 0 : std::numeric_limits<double>::infinity();
-  for (const auto& [key, position] : a) {
-    const auto other = b.find(key);
-    if (other == b.end()) return std::numeric_limits<double>::infinity();
-    worst = std::max(worst, (other->second - position).norm());
-  }
-  return worst;
-}
-
 class ServerRestartTest : public ::testing::Test {
  protected:
   ServerProcess Start(const TempDir& folder, std::vector<std::string> arguments = {}) {
@@ -147,7 +115,7 @@ TEST_F(ServerRestartTest, KilledServerEndsWithTheSameMap) {
   ASSERT_NE(undisturbed.address(), "");
   fleet_.Run(undisturbed.address());
   ASSERT_EQ(fleet_.finished_count(), 3);
-  const auto expected = Positions(MapClient(undisturbed.address()));
+  const auto expected = ReadKeyframePositions(MapClient(undisturbed.address()));
   EXPECT_EQ(undisturbed.End(SIGTERM), 0);
 
   {
@@ -162,25 +130,25 @@ TEST_F(ServerRestartTest, KilledServerEndsWithTheSameMap) {
   ASSERT_TRUE(info.ok()) << info.status();
   EXPECT_EQ(info->submap_count(), fleet_.submap_count()) << "each acknowledged submap once";
   EXPECT_EQ(info->components_size(), 1);
-  const double worst = WorstDifference(Positions(client), expected);
+  const double worst = WorstDifference(ReadKeyframePositions(client), expected);
   std::cout << "largest difference of a keyframe: " << worst << "\n";
   EXPECT_LT(worst, 1e-6);
 }
 
 TEST_F(ServerRestartTest, RebuildGivesTheSameMap) {
   const TempDir folder;
-  std::map<std::pair<std::string, int64_t>, Eigen::Vector3d> expected;
+  KeyframePositions expected;
   {
     ServerProcess server = Start(folder);
     ASSERT_NE(server.address(), "");
     fleet_.Run(server.address());
-    expected = Positions(MapClient(server.address()));
+    expected = ReadKeyframePositions(MapClient(server.address()));
     EXPECT_EQ(server.End(SIGTERM), 0);
   }
   ServerProcess server = Start(folder, {"--rebuild"});
   const MapClient client(server.address());
   ASSERT_TRUE(client.Settle(std::chrono::minutes(5)).ok());
-  const double worst = WorstDifference(Positions(client), expected);
+  const double worst = WorstDifference(ReadKeyframePositions(client), expected);
   std::cout << "largest difference of a keyframe: " << worst << "\n";
   EXPECT_LT(worst, 1e-6);
 }
