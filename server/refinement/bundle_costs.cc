@@ -126,9 +126,9 @@ bool DistanceCost::Evaluate(double const* const* parameters, double* residuals,
 bool InverseDepthCost::Evaluate(double const* const* parameters, double* residuals,
                                 double** jacobians) const {
   residuals[0] = (parameters[0][2] - rho_) * inverse_sigma_;
+  residuals[1] = 0;
   if (jacobians != nullptr && jacobians[0] != nullptr) {
-    jacobians[0][0] = 0;
-    jacobians[0][1] = 0;
+    std::fill_n(jacobians[0], 6, 0.0);
     jacobians[0][2] = inverse_sigma_;
   }
   return true;

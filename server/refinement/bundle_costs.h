@@ -94,8 +94,10 @@ class DistanceCost : public ceres::SizedCostFunction<1, 6, 6> {
   double inverse_sigma_;
 };
 
-// (rho - rho0) / sigma: keeps points whose parallax tells nothing where they are.
-class InverseDepthCost : public ceres::SizedCostFunction<1, 3> {
+// (rho - rho0) / sigma: keeps points whose parallax tells nothing where they are. The second
+// residual is always 0: with two rows in every block of a point Ceres takes its elimination for
+// fixed sizes (2, 3, 6), which is several times faster.
+class InverseDepthCost : public ceres::SizedCostFunction<2, 3> {
  public:
   InverseDepthCost(double rho, double sigma) : rho_(rho), inverse_sigma_(1.0 / sigma) {}
 

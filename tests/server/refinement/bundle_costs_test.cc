@@ -108,7 +108,7 @@ TEST_P(PriorCosts, JacobiansEqualTheNumericOnes) {
   Eigen::VectorXd xx(12);
   xx << x, RandomTangent();
   ExpectJacobian<DistanceCost, 1>(DistanceCost(&a, &b, 2.0, 0.1), xx, {6, 6});
-  ExpectJacobian<InverseDepthCost, 1>(InverseDepthCost(0.4, 0.1), RandomVector(1), {3});
+  ExpectJacobian<InverseDepthCost, 2>(InverseDepthCost(0.4, 0.1), RandomVector(1), {3});
 }
 
 INSTANTIATE_TEST_SUITE_P(Models, PriorCosts, ::testing::Values(DistortionModel::kNone));
