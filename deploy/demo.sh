@@ -40,8 +40,8 @@ else
   done
 fi
 
-echo "== Map with ${#specs[@]} vehicles"
-deploy/mission.sh "$output" "${specs[@]}"
+echo "== Map with ${#specs[@]} vehicles, in real time"
+deploy/mission.sh "$output" "${specs[@]}" -- --rate 1
 
 echo
 echo "== Vehicles"
@@ -59,7 +59,8 @@ if [ "${#truths[@]}" -eq "${#specs[@]}" ]; then
   references=()
   for truth in "${truths[@]}"; do references+=(--groundtruth "$truth"); done
   echo
-  echo "== Accuracy, live: what each vehicle knew at that instant"
+  echo "== Accuracy, live: what each vehicle knew at that instant; not counted are the instants at"
+  echo "   which it had no place in the common map yet"
   "$build/server/cli/portolan" evaluate "${live[@]}" "${references[@]}"
   echo
   echo "== Accuracy, corrected: every frame in the final map"

@@ -6,10 +6,11 @@
 #   tests/accuracy/run_real.sh kitchen    those whose name contains the word
 #
 # Columns: frames; share of ground-truth stamps with an estimate; ATE (RMSE after one Sim(3)
-# alignment of all agents together) of all frames in the final map; the same of what the agents
-# knew live; the ATE without the server: every agent's uncorrected odometry, each aligned alone
-# (they have no common frame, so this flatters it); connected parts of the map; kB/s up and down
-# an agent; CPU ms a frame of the agent's process.
+# alignment of all agents together) of all frames in the final map of a run in lockstep; the ATE of
+# what the agents knew live in a second run in real time, and its coverage (instants at which an
+# agent had no place in the common map yet do not count); the ATE without the server: every agent's
+# uncorrected odometry, each aligned alone (they have no common frame, so this flatters it);
+# connected parts of the map; kB/s up and down an agent; CPU ms a frame of the agent's process.
 set -euo pipefail
 
 root="$(cd "$(dirname "$0")/../.." && pwd)"
@@ -18,7 +19,6 @@ data="${PORTOLAN_DATA:-../shared/data}"
 filter="${1:-}"
 output=out/real
 portolan="build/${PORTOLAN_PRESET:-release}/server/cli/portolan"
-export PORTOLAN_LOCKSTEP=1
 
 if [ ! -d "$data" ]; then
   echo "NO DATA: set PORTOLAN_DATA to the folder of the real sequences" >&2
@@ -74,8 +74,8 @@ ate() {  # joint ATE in mm, or "-" without an estimate: ate MODE ESTIMATES... --
       END {if (mode == "alone") printf "%.1f", (m > 0 ? 1000 * sqrt(s / m) : 1000 * one)}'
 }
 
-printf '%-20s %6s %8s %10s %9s %10s %5s %8s %8s %7s\n' sequence frames coverage 'final mm' \
-  'live mm' 'alone mm' parts 'up kB/s' 'dn kB/s' 'cpu ms'
+printf '%-20s %6s %8s %10s %9s %8s %10s %5s %8s %8s %7s\n' sequence frames coverage 'final mm' \
+  'live mm' coverage 'alone mm' parts 'up kB/s' 'dn kB/s' 'cpu ms'
 while IFS='|' read -r name sequence truth ranges; do
   if [ -z "$name" ] || [[ "$name" != *"$filter"* ]]; then continue; fi
   if [ ! -d "$data/$sequence" ]; then
@@ -92,22 +92,23 @@ while IFS='|' read -r name sequence truth ranges; do
   for range in $ranges; do
     specs+=("agent$i=$data/$sequence:$range")
     final+=("$folder/final/agent$i.tum")
-    live+=("$folder/agents/agent$i/live.tum")
+    live+=("$folder.live/agents/agent$i/live.tum")
     odometry+=("$folder/agents/agent$i/odometry.tum")
     summaries+=("$folder/agents/agent$i/summary.json")
     i=$((i + 1))
   done
-  if ! deploy/mission.sh "$folder" "${specs[@]}" > "$output.log" 2>&1; then
+  if ! { PORTOLAN_LOCKSTEP=1 deploy/mission.sh "$folder" "${specs[@]}" &&
+    deploy/mission.sh "$folder.live" "${specs[@]}" -- --rate 1; } > "$output.log" 2>&1; then
     printf '%-20s FAILED, see %s\n' "$name" "$output.log"
     continue
   fi
   read -r final_mm coverage <<< "$(ate joint "${final[@]}" -- "$data/$sequence/$truth")"
-  read -r live_mm _ <<< "$(ate joint "${live[@]}" -- "$data/$sequence/$truth")"
+  read -r live_mm live_coverage <<< "$(ate joint "${live[@]}" -- "$data/$sequence/$truth")"
   alone_mm="$(ate alone "${odometry[@]}" -- "$data/$sequence/$truth")"
   frames="$(cat "${summaries[@]}" | grep -o '"frames": [0-9]*' | awk '{s += $2} END {print s}')"
   parts="$(awk '/^components/ {print $2}' "$folder/info.txt")"
-  printf '%-20s %6s %8s %10s %9s %10s %5s %8s %8s %7s\n' "$name" "$frames" "${coverage:--}" \
-    "$final_mm" "$live_mm" "$alone_mm" "$parts" "$(mean_of sent_kb_per_s "${summaries[@]}")" \
+  printf '%-20s %6s %8s %10s %9s %8s %10s %5s %8s %8s %7s\n' "$name" "$frames" "${coverage:--}" \
+    "$final_mm" "$live_mm" "${live_coverage:--}" "$alone_mm" "$parts" "$(mean_of sent_kb_per_s "${summaries[@]}")" \
     "$(mean_of received_kb_per_s "${summaries[@]}")" \
     "$(mean_of cpu_ms_per_frame "${summaries[@]}")"
 done <<< "$sequences"
