@@ -1,10 +1,12 @@
 #include "agent/agent.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <utility>
 
 #include "common/base/check.h"
+#include "common/base/logging.h"
 
 namespace portolan {
 namespace {
@@ -34,6 +36,12 @@ bool IsLive(const std::vector<TrackedPoint>& points, TrackId track) {
 
 }  // namespace
 
+Status ImuOptions::Validate() const {
+  PORTOLAN_RETURN_IF_ERROR(buffer.Validate());
+  PORTOLAN_RETURN_IF_ERROR(model.Validate());
+  return initializer.Validate();
+}
+
 Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(tracker.Validate());
   PORTOLAN_RETURN_IF_ERROR(filter.Validate());
@@ -42,6 +50,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(keyframes.Validate());
   PORTOLAN_RETURN_IF_ERROR(submap.Validate());
   PORTOLAN_RETURN_IF_ERROR(health.Validate());
+  PORTOLAN_RETURN_IF_ERROR(imu.Validate());
   if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
     return absl::InvalidArgumentError("min_tracks_share must be within 0 and 1");
   }
@@ -50,31 +59,41 @@ Status AgentOptions::Validate() const {
 
 StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options,
                                                const CameraModel& camera, AgentId agent,
-                                               SessionId session) {
+                                               SessionId session,
+                                               const std::optional<ImuMount>& imu) {
   PORTOLAN_RETURN_IF_ERROR(options.Validate());
   PORTOLAN_ASSIGN_OR_RETURN(auto tracker, Tracker::Create(options.tracker, camera));
   PORTOLAN_ASSIGN_OR_RETURN(
       auto filter, LocalFilter::Create(options.filter, camera,
                                        std::make_unique<ConstantVelocityModel>(options.motion)));
   return std::unique_ptr<Agent>(new Agent(options, camera, SubmapKey{std::move(agent), session, 0},
-                                          std::move(tracker), std::move(filter)));
+                                          std::move(tracker), std::move(filter), imu));
 }
 
 Agent::Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
-             std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter)
+             std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter,
+             const std::optional<ImuMount>& imu)
     : options_(options),
       camera_(camera),
       key_(key),
+      imu_(imu),
+      imu_samples_(options.imu.buffer),
       tracker_(std::move(tracker)),
       filter_(std::move(filter)),
       landmarks_(options.landmarks, camera),
       keyframe_selector_(options.keyframes, camera),
       builder_(options.submap),
-      health_(options.health) {}
+      health_(options.health) {
+  if (!imu_) return;
+  initializer_.emplace(options_.imu.initializer, options_.imu.model, imu_->calibration,
+                       imu_->imu_from_camera, camera_, &imu_samples_);
+}
+
+void Agent::AddImu(std::span<const ImuSample> samples) { imu_samples_.Add(samples); }
 
 StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray) {
   PORTOLAN_RETURN_IF_ERROR(CheckFrame(time, gray));
-  is_keyframe_ = begins_submap_ = tracking_failed_ = false;
+  is_keyframe_ = begins_submap_ = found_scale_ = tracking_failed_ = false;
   std::optional<Submap> failed;
   if (tracking_ && health_.IsPauseTooLong(time - *last_time_)) failed = HandleFailure(time);
   last_time_ = time;
@@ -87,6 +106,7 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray) {
   if (const auto spoiled_from = health_.Report(time, inliers, filter_->Diverged())) {
     return Report(false, HandleFailure(*spoiled_from));
   }
+  SeekScale(time);
   builder_.AddFrame(time, filter_->submap_from_camera());
   const bool tracked = !health_.last_frame_bad();
   if (tracked && keyframe_selector_.IsDue(time, filter_->submap_from_camera(), UsablePoints())) {
@@ -115,7 +135,9 @@ Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray) const {
 }
 
 void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
-  filter_->Start(time);
+  // An IMU takes over once it is aligned.
+  filter_->Start(time, std::make_unique<ConstantVelocityModel>(options_.motion));
+  if (initializer_) initializer_->Reset();
   landmarks_.Reset();
   health_.Reset();
   PORTOLAN_CHECK(tracker_->Track(gray, {}, Eigen::Quaterniond::Identity()).ok());
@@ -162,6 +184,29 @@ int Agent::UpdateFilter() {
   return measured_;
 }
 
+void Agent::SeekScale(Timestamp time) {
+  if (!initializer_ || filter_->motion().metric() || health_.last_frame_bad()) return;
+  initializer_->AddFrame(time, filter_->submap_from_camera(),
+                         MeasurementsOf(tracker_->points(), [this](TrackId track) {
+                           return landmarks_.IsLandmark(track) && !landmarks_.WasOutlier(track);
+                         }));
+  const auto found =
+      initializer_->Attempt(filter_->Landmarks(), 1.0 / filter_->median_inverse_depth());
+  if (!found) return;
+  const Rigid3 camera = filter_->submap_from_camera();
+  auto model = std::make_unique<ImuMotionModel>(options_.imu.model, imu_->calibration,
+                                                imu_->imu_from_camera, &imu_samples_);
+  const Rigid3 metric_camera = {camera.rotation, found->scale * camera.translation};
+  model->Set(time, metric_camera * imu_->imu_from_camera.Inverse(), found->state);
+  filter_->ChangeMotion(std::move(model), ChangeToInertial(*found, camera, imu_->imu_from_camera,
+                                                           filter_->state().motion_dim()));
+  builder_.Rescale(found->scale);
+  found_scale_ = true;
+  link_keeps_units_ = false;
+  LogInfo("IMU aligned: one unit was ", found->scale, " m (+-",
+          100 * std::sqrt(found->covariance(0, 0)), " %)");
+}
+
 void Agent::Remove(const LandmarkRemovals& removals) {
   tracker_->Drop(removals.tracks);
   filter_->RemoveLandmarks(removals.landmarks);
@@ -200,12 +245,15 @@ void Agent::AddKeyframe(Timestamp time) {
 
 void Agent::OpenSubmap(LinkType link) {
   link_ = link;
+  link_keeps_units_ = true;
   begins_submap_ = true;
   builder_.Open(key_, link);
 }
 
 std::optional<Submap> Agent::TakeSubmap(Submap submap, size_t min_keyframes) {
   if (submap.keyframes.size() < min_keyframes) return std::nullopt;
+  submap.metric = filter_->motion().metric();
+  submap.gravity_in_submap = filter_->motion().gravity_in_submap();
   ++key_.sequence_number;
   return submap;
 }
@@ -214,6 +262,7 @@ std::optional<Submap> Agent::CloseIfFull(Timestamp time) {
   if (!is_keyframe_ || !builder_.IsFull(1.0 / filter_->median_inverse_depth())) return std::nullopt;
   auto closed = TakeSubmap(builder_.Close(filter_->Landmarks()), 2);
   predecessor_from_submap_ = filter_->BeginSubmap();
+  if (initializer_) initializer_->Rebase(predecessor_from_submap_);
   OpenSubmap(LinkType::kConnected);
   builder_.AddFrame(time, Rigid3::Identity());
   AddKeyframe(time);
@@ -243,11 +292,13 @@ std::optional<Submap> Agent::Finish() {
 FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) const {
   FrameResult result;
   result.submap_sequence_number = key_.sequence_number;
-  result.link = link_;
+  result.link = link_ == LinkType::kConnected && !link_keeps_units_ ? LinkType::kBroken : link_;
   result.predecessor_from_submap = predecessor_from_submap_;
   result.submap_from_camera = filter_->submap_from_camera();
   result.tracked = tracked;
-  result.begins_submap = begins_submap_;
+  result.begins_submap = begins_submap_ || found_scale_;
+  result.found_scale = found_scale_;
+  result.metric = filter_->motion().metric();
   result.tracking_failed = tracking_failed_;
   result.landmarks_measured = measured_;
   result.tracks = static_cast<int>(tracker_->points().size());

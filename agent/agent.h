@@ -5,10 +5,14 @@
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "agent/filter/constant_velocity_model.h"
 #include "agent/filter/local_filter.h"
+#include "agent/imu/imu_buffer.h"
+#include "agent/imu/imu_motion_model.h"
+#include "agent/imu/inertial_initializer.h"
 #include "agent/landmarks/landmark_manager.h"
 #include "agent/submap/keyframe_selector.h"
 #include "agent/submap/submap_builder.h"
@@ -18,6 +22,20 @@
 #include "common/camera/camera_model.h"
 
 namespace portolan {
+
+struct ImuOptions {
+  ImuBufferOptions buffer;
+  ImuModelOptions model;
+  InertialInitializerOptions initializer;
+
+  Status Validate() const;
+};
+
+// The IMU of a vehicle.
+struct ImuMount {
+  ImuCalibration calibration;
+  Rigid3 imu_from_camera;
+};
 
 struct AgentOptions {
   TrackerOptions tracker;
@@ -29,6 +47,7 @@ struct AgentOptions {
   KeyframeSelectorOptions keyframes;
   SubmapBuilderOptions submap;
   TrackingHealthOptions health;
+  ImuOptions imu;
   // New corners are looked for when fewer than this share of tracker.max_points is left, and at
   // every keyframe.
   double min_tracks_share = 0.8;
@@ -48,6 +67,11 @@ struct FrameResult {
   // The first frame of its submap. A submap that failed too early for an upload leaves its number
   // to the next one; this tells them apart.
   bool begins_submap = false;
+  // The scale became known with this image: from here on the submap's units are metres, which its
+  // earlier poses were not given in. Counts as a beginning (begins_submap) without predecessor.
+  bool found_scale = false;
+  // Lengths are metres.
+  bool metric = false;
   // Tracking failed for good, or the pause before this image was too long.
   bool tracking_failed = false;
   int landmarks_measured = 0;
@@ -63,7 +87,14 @@ class Agent {
  public:
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options,
                                                  const CameraModel& camera, AgentId agent,
-                                                 SessionId session);
+                                                 SessionId session,
+                                                 const std::optional<ImuMount>& imu = std::nullopt);
+
+  // Samples on the camera's clock, in order of time; those up to an image's time come before the
+  // image. Only for an agent with an IMU. With them the submaps become metric as soon as the motion
+  // has told the scale.
+  void AddImu(std::span<const ImuSample> samples);
+  const ImuCounts& imu_counts() const { return imu_samples_.counts(); }
 
   // gray: CV_8UC1 of the camera's size. InvalidArgument if it is not, or if time does not
   // increase; the frame is then ignored and the agent goes on.
@@ -74,12 +105,15 @@ class Agent {
 
  private:
   Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
-        std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter);
+        std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter,
+        const std::optional<ImuMount>& imu);
 
   Status CheckFrame(Timestamp time, const cv::Mat& gray) const;
   void StartTracking(Timestamp time, const cv::Mat& gray);
   void TrackPoints(Timestamp time, const cv::Mat& gray);
   int UpdateFilter();
+  // Without a scale yet: tries to learn it from the IMU and goes on with it.
+  void SeekScale(Timestamp time);
   void Remove(const LandmarkRemovals& removals);
   void Replenish(bool starting);
   void AddKeyframe(Timestamp time);
@@ -96,7 +130,12 @@ class Agent {
   // Of the open submap.
   SubmapKey key_;
   LinkType link_ = LinkType::kNone;
+  // Whether predecessor_from_submap_ is in the open submap's units.
+  bool link_keeps_units_ = true;
   Rigid3 predecessor_from_submap_;
+  const std::optional<ImuMount> imu_;
+  ImuBuffer imu_samples_;  // the filter's motion model reads it
+  std::optional<InertialInitializer> initializer_;
   std::unique_ptr<Tracker> tracker_;
   std::unique_ptr<LocalFilter> filter_;
   LandmarkManager landmarks_;
@@ -109,6 +148,7 @@ class Agent {
   // Of the present frame.
   bool is_keyframe_ = false;
   bool begins_submap_ = false;
+  bool found_scale_ = false;
   bool tracking_failed_ = false;
   std::optional<Timestamp> last_time_;
 };

@@ -107,6 +107,26 @@ void AddHealth(TrackingHealthOptions* options, OptionSection section) {
               "a longer pause between images closes the submap");
 }
 
+void AddImu(ImuOptions* options, OptionSection section) {
+  section.Add("gravity_m_s2", &options->model.gravity_m_s2, "m/s^2", "gravity of the place");
+  section.Add("noise_factor", &options->model.noise_factor, "",
+              "factor of the calibration's noise densities; data sheets describe a sensor at rest");
+  section.Add("gyro_bias_sigma", &options->initializer.alignment.gyro_bias_sigma, "rad/s",
+              "spread of the gyro's bias at the start");
+  section.Add("accel_bias_sigma", &options->initializer.alignment.accel_bias_sigma, "m/s^2",
+              "spread of the accelerometer's bias at the start");
+  section.Add("max_log_scale_sigma", &options->initializer.alignment.max_log_scale_sigma, "",
+              "the submaps become metric when the motion has told the scale this well, relative");
+  section.Add("patient_log_scale_sigma", &options->initializer.patient_log_scale_sigma, "",
+              "the same once the longest stretch of motion has been tried");
+  section.Add("min_window_s", &options->initializer.min_window_s, "s",
+              "shortest stretch of motion that scale and gravity are taken from");
+  section.Add("max_window_s", &options->initializer.max_window_s, "s",
+              "longest stretch of motion that scale and gravity are taken from");
+  section.Add("max_gap_s", &options->buffer.max_gap_s, "s",
+              "samples farther apart leave a gap, which is bridged at constant velocity");
+}
+
 }  // namespace
 
 void AddAgentOptions(AgentOptions* options, OptionTable* table) {
@@ -117,6 +137,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddKeyframes(&options->keyframes, table->Section("keyframes"));
   AddSubmap(&options->submap, table->Section("submap"));
   AddHealth(&options->health, table->Section("health"));
+  AddImu(&options->imu, table->Section("imu"));
   table->Add("min_tracks_share", &options->min_tracks_share, "",
              "new corners are looked for when fewer than this share of the points is left");
 }

@@ -25,6 +25,18 @@ std::optional<Rigid3> PredecessorOf(const FrameResult& result) {
   return result.predecessor_from_submap;
 }
 
+// The IMU whose samples the source delivers, if any.
+StatusOr<std::optional<ImuMount>> FindImu(const ImageSource& source) {
+  const auto& imu = source.info().imu_calibration;
+  if (!imu) return std::optional<ImuMount>();
+  const auto& body_from_camera = source.calibration().body_from_camera;
+  if (!body_from_camera) {
+    return absl::InvalidArgumentError(
+        "source.imu: the camera's calibration does not say where it sits on the IMU (T_BS)");
+  }
+  return std::optional<ImuMount>({*imu, imu->body_from_imu.Inverse() * *body_from_camera});
+}
+
 }  // namespace
 
 Status RunnerOptions::Validate() const {
@@ -49,8 +61,9 @@ StatusOr<std::unique_ptr<AgentRunner>> AgentRunner::Create(const RunnerOptions& 
   const SessionId session = runner.session == 0 ? DrawSessionId() : SessionId(runner.session);
   PORTOLAN_ASSIGN_OR_RETURN(const CameraModel camera,
                             CameraModel::Create(source->calibration().intrinsics));
-  PORTOLAN_ASSIGN_OR_RETURN(auto agent,
-                            Agent::Create(agent_options, camera, AgentId(runner.agent), session));
+  PORTOLAN_ASSIGN_OR_RETURN(const auto imu, FindImu(*source));
+  PORTOLAN_ASSIGN_OR_RETURN(
+      auto agent, Agent::Create(agent_options, camera, AgentId(runner.agent), session, imu));
   std::unique_ptr<AgentRunner> result(new AgentRunner(runner, std::move(source), std::move(agent)));
   if (runner.server != "none") result->OpenPendingSessions(uplink, outbox);
   PORTOLAN_RETURN_IF_ERROR(result->OpenUplink(uplink, outbox, session));
@@ -141,6 +154,11 @@ Status AgentRunner::ProcessImages(const std::atomic<bool>& stop) {
 
 Status AgentRunner::ProcessFrame(const Frame& frame) {
   const auto start = std::chrono::steady_clock::now();
+  // One sample more, so that the rates at the image's time are interpolated.
+  if (const auto& imu = source_->info().imu_calibration) {
+    const double period_s = imu->rate_hz > 0 ? 1.01 / imu->rate_hz : 0;
+    agent_->AddImu(source_->TakeImu(frame.time + FromSeconds(period_s)));
+  }
   auto result = agent_->ProcessImage(frame.time, frame.gray);
   const double frame_ms = MillisecondsSince(start);
   if (!result.ok()) {

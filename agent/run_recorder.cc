@@ -64,6 +64,12 @@ void RunRecorder::AddFrame(Timestamp time, const FrameResult& result, const Plac
   if (!first_time_) first_time_ = time;
   last_time_ = time;
   if (result.tracking_failed) ++lost_;
+  if (result.found_scale) {
+    // What was known of this submap before was in other units.
+    std::erase_if(live_, [&](const LivePoseRecord& record) {
+      return !record.placed.in_world && record.placed.frame_submap == result.submap_sequence_number;
+    });
+  }
   if (result.begins_submap) {
     if (result.link == LinkType::kConnected && !pieces_.empty()) {
       auto& piece = pieces_.back();

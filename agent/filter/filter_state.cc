@@ -11,9 +11,10 @@ FilterState::FilterState(std::unique_ptr<MotionModel> motion, int max_landmarks)
     : motion_(std::move(motion)),
       max_landmarks_(max_landmarks),
       motion_dim_(motion_->error_dim()),
-      // Every landmark may have an anchor of its own, plus one that is being opened.
-      covariance_(Eigen::MatrixXd::Zero(motion_dim_ + 6 * max_landmarks + 3,
-                                        motion_dim_ + 6 * max_landmarks + 3)),
+      // Every landmark may have an anchor of its own, plus one that is being opened. Whatever the
+      // motion model, another one may follow.
+      covariance_(Eigen::MatrixXd::Zero(MotionModel::kMaxDim + 6 * max_landmarks + 3,
+                                        MotionModel::kMaxDim + 6 * max_landmarks + 3)),
       scratch_(covariance_) {
   landmarks_.reserve(max_landmarks);
   anchors_.reserve(max_landmarks + 1);
@@ -261,6 +262,50 @@ Rigid3 FilterState::Rebase() {
     ++anchors_[0].users;
   }
   return old_from_new;
+}
+
+void FilterState::ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change) {
+  const int old_dim = motion_dim_, new_dim = motion->error_dim(), rest = dim() - old_dim;
+  // Of the landmarks' and anchors' errors: factor, and derivative by the log scale.
+  Eigen::VectorXd factor = Eigen::VectorXd::Constant(rest, change.scale);
+  Eigen::VectorXd d_scale = Eigen::VectorXd::Zero(rest);
+  for (Landmark& landmark : landmarks_) {
+    const int row = Offset(landmark) - old_dim;
+    landmark.point_in_submap *= change.scale;
+    landmark.inverse_depth /= change.scale;
+    if (landmark.euclidean) {
+      d_scale.segment<3>(row) = landmark.point_in_submap;
+    } else {
+      factor.segment<3>(row) << 1, 1, 1 / change.scale;
+      d_scale[row + 2] = -landmark.inverse_depth;
+    }
+  }
+  for (Anchor& anchor : anchors_) {
+    if (anchor.users == 0) continue;
+    anchor.position_in_submap *= change.scale;
+    if (anchor.block != kFixed) {
+      d_scale.segment<3>(BlockOffset(anchor.block) - old_dim) = anchor.position_in_submap;
+    }
+  }
+  Eigen::MatrixXd by_old = Eigen::MatrixXd::Zero(new_dim + rest, old_dim + rest);
+  by_old.topLeftCorner(new_dim, old_dim) = change.d_new_d_old;
+  by_old.bottomRightCorner(rest, rest).diagonal() = factor;
+  Eigen::MatrixXd by_added = Eigen::MatrixXd::Zero(new_dim + rest, change.added_covariance.cols());
+  by_added.topRows(new_dim) = change.d_new_d_added;
+  by_added.col(0).tail(rest) = d_scale;
+  const Eigen::MatrixXd result = by_old * covariance() * by_old.transpose() +
+                                 by_added * change.added_covariance * by_added.transpose();
+  motion_ = std::move(motion);
+  motion_dim_ = new_dim;
+  covariance() = 0.5 * (result + result.transpose());
+}
+
+void FilterState::ResetMotion(std::unique_ptr<MotionModel> motion) {
+  landmarks_.clear();
+  anchors_.clear();
+  owners_.clear();
+  motion_ = std::move(motion);
+  motion_dim_ = motion_->error_dim();
 }
 
 bool FilterState::IsCovarianceValid() const {

@@ -49,6 +49,10 @@ class FilterState {
   void ConvertToEuclidean(int index);
   // The camera becomes the submap frame; no anchors remain. Returns old_from_new.
   Rigid3 Rebase();
+  // Another motion model; landmarks and covariance are carried over in the new units.
+  void ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change);
+  // Another motion model with nothing carried over; to be followed by Start.
+  void ResetMotion(std::unique_ptr<MotionModel> motion);
 
   const MotionModel& motion() const { return *motion_; }
   MotionModel& motion() { return *motion_; }
@@ -84,9 +88,9 @@ class FilterState {
   void MirrorRows(int offset);
   bool PoseIsExact() const;
 
-  const std::unique_ptr<MotionModel> motion_;
+  std::unique_ptr<MotionModel> motion_;
   const int max_landmarks_;
-  const int motion_dim_;
+  int motion_dim_;
   std::vector<Landmark> landmarks_;
   std::vector<Anchor> anchors_;
   std::vector<Owner> owners_;

@@ -56,6 +56,18 @@ void LocalFilter::Start(Timestamp time) {
   noise_is_fresh_ = false;
 }
 
+void LocalFilter::Start(Timestamp time, std::unique_ptr<MotionModel> motion) {
+  state_.ResetMotion(std::move(motion));
+  Start(time);
+}
+
+void LocalFilter::ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change) {
+  state_.ChangeMotion(std::move(motion), change);
+  median_inverse_depth_ /= change.scale;
+  noise_is_fresh_ = false;
+  PORTOLAN_DCHECK(state_.IsCovarianceValid());
+}
+
 bool LocalFilter::Predict(Timestamp time) {
   noise_is_fresh_ = state_.Predict(time, 1.0 / median_inverse_depth_);
   return noise_is_fresh_;

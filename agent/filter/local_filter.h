@@ -33,6 +33,10 @@ class LocalFilter {
 
   // A new unconnected submap: no landmarks, pose identity and exactly known.
   void Start(Timestamp time);
+  // The same with another motion model.
+  void Start(Timestamp time, std::unique_ptr<MotionModel> motion);
+  // Goes on with another motion model, between two frames.
+  void ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change);
   // Propagates to the time of a frame. Does nothing, and returns false, if time does not advance.
   bool Predict(Timestamp time);
   // All landmarks that project into the image, in the order of the state.
@@ -73,6 +77,7 @@ class LocalFilter {
 
   const FilterState& state() const { return state_; }
   MotionModel& motion() { return state_.motion(); }
+  const MotionModel& motion() const { return state_.motion(); }
   const CameraModel& camera() const { return camera_; }
 
  private:

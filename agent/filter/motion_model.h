@@ -75,6 +75,19 @@ class MotionModel {
   const Rigid3 body_from_camera_;
 };
 
+// A running filter that goes on with another motion model, e.g. because an IMU has told the scale.
+// The new model holds its nominal state already, in new units.
+struct MotionChange {
+  // Length in new units of one old unit.
+  double scale = 1;
+  // New motion error by the old one.
+  Eigen::MatrixXd d_new_d_old;
+  // What the change adds: new motion error by quantities that are independent of the old errors,
+  // and their covariance. The first is the logarithm of `scale`, which the landmarks share.
+  Eigen::MatrixXd d_new_d_added;
+  Eigen::MatrixXd added_covariance;
+};
+
 }  // namespace portolan
 
 #endif  // PORTOLAN_AGENT_FILTER_MOTION_MODEL_H_

@@ -77,6 +77,16 @@ bool SubmapBuilder::IsFull(double median_depth) const {
          rotation_rad_ > options_.max_rotation_rad;
 }
 
+void SubmapBuilder::Rescale(double scale) {
+  distance_ *= scale;
+  for (FramePose& frame : submap_.frames) frame.submap_from_camera.translation *= scale;
+  for (Keyframe& keyframe : submap_.keyframes) {
+    keyframe.submap_from_camera.translation *= scale;
+    keyframe.covariance.topRows<3>() *= scale;
+    keyframe.covariance.leftCols<3>() *= scale;
+  }
+}
+
 Submap SubmapBuilder::Close(const std::vector<LandmarkEstimate>& landmarks) {
   std::unordered_set<TrackId> observed;
   for (const Keyframe& keyframe : submap_.keyframes) {

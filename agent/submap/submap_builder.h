@@ -51,6 +51,9 @@ class SubmapBuilder {
   // The submap has reached one of its limits. median_depth: of the scene, submap units.
   bool IsFull(double median_depth) const;
 
+  // The unit of length has changed: one old unit is `scale` new ones.
+  void Rescale(double scale);
+
   // Ends the submap with the landmarks of the filter that its keyframes observed.
   Submap Close(const std::vector<LandmarkEstimate>& landmarks);
 
