@@ -56,20 +56,80 @@ class Refinement {
     AddCameras();
     Triangulate();
     if (LandmarkCount() < options_.min_landmarks) return "too few tracks could be triangulated";
-    // A filter's estimate can be so far off that few observations fit at first; the adjusted poses
-    // make more of the tracks fit, these better poses, and so on.
-    std::string reason;
-    for (int round = 0; round < options_.max_rounds; ++round) {
-      reason = Adjust();
-      if (round > 0 && reason.empty()) break;
-      if (!summary_.usable) break;
-      TriangulateMissing();
-    }
+    std::string reason = AdjustInRounds();
+    if (options_.try_reversed_depth) TryReversed(&reason);
     if (!reason.empty()) return reason;
     return WriteResult();
   }
 
  private:
+  // A filter's estimate can be so far off that few observations fit at first; the adjusted poses
+  // make more of the tracks fit, these better poses, and so on.
+  std::string AdjustInRounds() {
+    std::string reason;
+    for (int round = 0; round < options_.max_rounds; ++round) {
+      reason = Adjust(options_.bundle);
+      if (round > 0 && reason.empty()) break;
+      if (!summary_.usable) break;
+      TriangulateMissing();
+    }
+    return reason;
+  }
+
+  // Adjusts from the depth-reversed start as well and keeps what explains the observations better.
+  void TryReversed(std::string* reason) {
+    const double cost = TruncatedCost();
+    const BundleProblem problem = problem_;
+    const BundleSummary summary = summary_;
+    StartReversed();
+    BundleOptions quick = options_.bundle;
+    quick.rounds = 1;
+    quick.max_iterations = 10;
+    Adjust(quick);
+    if (summary_.usable && TruncatedCost() < options_.reversed_trial_cost * cost) {
+      TriangulateMissing();
+      const std::string reversed_reason = AdjustInRounds();
+      if (summary_.usable && TruncatedCost() < options_.reversed_cost * cost) {
+        *reason = reversed_reason;
+        return;
+      }
+    }
+    problem_ = problem;
+    summary_ = summary;
+    filter_is_wrong_ = false;
+  }
+
+  // For small motions across the line of sight, inverse depths rho about their median m and the
+  // motion (t, rotation w) give nearly the same flow as 2 m - rho and (-t, w + 2 m (-t_y, t_x, 0)):
+  // the two-fold ambiguity of structure from motion under weak perspective (e.g. Szeliski & Kang,
+  // "Shape ambiguities in structure from motion", PAMI 1997). A filter that starts without a prior
+  // may settle in the wrong one, and descent does not leave it.
+  void StartReversed() {
+    const double inverse_depth = 1.0 / MedianDepth(problem_);
+    for (BundleCamera& camera : problem_.cameras) {
+      if (camera.fixed) continue;
+      Eigen::Vector3d& t = camera.world_from_camera.translation;
+      const Eigen::Vector3d turn = 2 * inverse_depth * Eigen::Vector3d(-t.y(), t.x(), 0);
+      camera.world_from_camera.rotation =
+          (RotationExp(turn) * camera.world_from_camera.rotation).normalized();
+      t.head<2>() = -t.head<2>();
+      camera.prior = PositionPrior{t, options_.position_prior_max_of_depth * scene_depth_};
+    }
+    for (BundleObservation& observation : problem_.observations) observation.inlier = false;
+    filter_is_wrong_ = true;
+    TriangulateMissing();
+  }
+
+  // Sum of the squared errors in sigmas, none more than the outlier limit.
+  double TruncatedCost() const {
+    double cost = 0;
+    for (const BundleObservation& observation : problem_.observations) {
+      const double chi2 = ReprojectionChi2(problem_, observation);
+      cost += chi2 < options_.bundle.outlier_chi2 ? chi2 : options_.bundle.outlier_chi2;
+    }
+    return cost;
+  }
+
   void AddCameras() {
     scene_depth_ = FilterSceneDepth(*submap_.raw);
     for (const Keyframe& keyframe : submap_.raw->keyframes) {
@@ -144,6 +204,7 @@ class Refinement {
   }
 
   std::optional<Eigen::Vector3d> FilterPoint(TrackId track) const {
+    if (filter_is_wrong_) return std::nullopt;
     const std::vector<SubmapLandmark>& landmarks = submap_.raw->landmarks;
     const auto it = std::lower_bound(
         landmarks.begin(), landmarks.end(), track,
@@ -166,8 +227,8 @@ class Refinement {
         std::count_if(counts.begin(), counts.end(), [](int count) { return count >= 2; }));
   }
 
-  std::string Adjust() {
-    summary_ = AdjustBundle(options_.bundle, nullptr, &problem_);
+  std::string Adjust(const BundleOptions& bundle) {
+    summary_ = AdjustBundle(bundle, nullptr, &problem_);
     if (!summary_.usable) return "the adjustment failed";
     const double share = static_cast<double>(summary_.inlier_count) /
                          static_cast<double>(problem_.observations.size());
@@ -228,6 +289,7 @@ class Refinement {
   BundleProblem problem_;  // points parallel to tracks_, observations in the tracks' order
   BundleSummary summary_;
   double scene_depth_ = 1.0;
+  bool filter_is_wrong_ = false;  // its points are no starts
 };
 
 }  // namespace

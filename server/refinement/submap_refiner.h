@@ -30,6 +30,13 @@ struct SubmapRefinerOptions {
   double min_inlier_share = 0.45;
   // Rounds of adjustment and triangulation, two at least.
   int max_rounds = 5;
+  // Tries the depth-reversed start as well, which a filter may wrongly have settled in: first a
+  // few iterations, which must come under reversed_trial_cost times the cost that was found, then
+  // to the end, where it must come under reversed_cost times that to be taken. Costs are sums of
+  // squared errors in sigmas, truncated at the outlier limit.
+  bool try_reversed_depth = true;
+  double reversed_trial_cost = 1.5;
+  double reversed_cost = 0.97;
 
   Status Validate() const;
 };

@@ -60,6 +60,50 @@ TEST(SubmapRefiner, NoisyPixelsAndOutliersStillGainOnTheFilter) {
   EXPECT_LT(refined->rms_reprojection_px, 1.0);
 }
 
+// Cosine between the true and the estimated positions in the submap's frame; no alignment.
+double MotionAgreement(const SyntheticSubmap& truth, const std::vector<Rigid3>& poses) {
+  const Similarity3 submap_from_world = truth.world_from_submap.Inverse();
+  double dot = 0, squares = 0, true_squares = 0;
+  for (size_t k = 0; k < poses.size(); ++k) {
+    const Eigen::Vector3d expected = submap_from_world * truth.world_from_camera[k].translation;
+    dot += expected.dot(poses[k].translation);
+    squares += poses[k].translation.squaredNorm();
+    true_squares += expected.squaredNorm();
+  }
+  return dot / std::sqrt(squares * true_squares);
+}
+
+// The submap as a filter would tell it that settled in the depth-reversed solution.
+std::shared_ptr<const Submap> Reversed(const SyntheticSubmap& truth, double depth) {
+  auto submap = std::make_shared<Submap>(*truth.submap);
+  submap->landmarks.clear();
+  for (Keyframe& keyframe : submap->keyframes) {
+    Eigen::Vector3d& t = keyframe.submap_from_camera.translation;
+    const Eigen::Vector3d turn = 2 / depth * Eigen::Vector3d(-t.y(), t.x(), 0);
+    keyframe.submap_from_camera.rotation = RotationExp(turn) * keyframe.submap_from_camera.rotation;
+    t.head<2>() = -t.head<2>();
+  }
+  return submap;
+}
+
+TEST(SubmapRefiner, LeavesTheDepthReversedSolution) {
+  SyntheticSubmapsOptions options;
+  options.agents[0].submaps = 1;
+  options.agents[0].end_rad = 0.15;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto start = Reversed(mission.submaps[0], 2.5 * options.unit);
+  SubmapRefinerOptions without;
+  without.try_reversed_depth = false;
+  const auto stuck =
+      SubmapRefiner::Create(without)->Refine(mission.submaps[0].id, start, mission.camera);
+  EXPECT_LT(MotionAgreement(mission.submaps[0], stuck->submap_from_camera), 0);
+  const auto refined =
+      SubmapRefiner::Create({})->Refine(mission.submaps[0].id, start, mission.camera);
+  EXPECT_EQ(refined->quarantine_reason, "");
+  EXPECT_GT(MotionAgreement(mission.submaps[0], refined->submap_from_camera), 0.98);
+  EXPECT_GT(refined->landmarks.size(), 100u);
+}
+
 TEST(SubmapRefiner, LandmarkCovariancesMatchTheirErrors) {
   SyntheticSubmapsOptions options;
   options.agents[0].submaps = 1;

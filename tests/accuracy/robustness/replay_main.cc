@@ -1,0 +1,125 @@
+// Replays recorded submaps through the map builder again and again, in other orders, with other
+// seeds and with the background work at other times, and prints what the maps are like.
+//
+//   portolan-replay --groundtruth FILE [--runs N] [--first-run N] [--no-background] FOLDER...
+//
+// A FOLDER holds one recording: AGENT/SESSION/*.submap, the outboxes of agents that ran without a
+// server. Run 0 of each takes the submaps in lockstep order with all background work done after
+// each.
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <cstdlib>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "common/trajectory/trajectory_io.h"
+#include "tests/accuracy/robustness/recorded_mission.h"
+
+namespace portolan {
+namespace {
+
+struct Arguments {
+  std::string groundtruth;
+  int runs = 3;
+  int first_run = 0;
+  bool background = true;
+  bool verbose = false;
+  std::vector<std::string> folders;
+};
+
+void FinishBackground(MapBuilder* builder) {
+  const std::atomic<bool> never = false;
+  while (builder->HasBackgroundWork()) builder->RunBackgroundWork(never);
+}
+
+StatusOr<std::shared_ptr<const MapSnapshot>> Replay(const RecordedMission& mission, int run,
+                                                    bool background) {
+  MapBuilderOptions options;
+  options.verifier.ransac.seed = static_cast<uint32_t>(run) + 1;
+  PORTOLAN_ASSIGN_OR_RETURN(const std::unique_ptr<MapBuilder> builder, MapBuilder::Create(options));
+  std::mt19937 random(static_cast<uint32_t>(run) * 7919);
+  for (const SubmapInput& input : Interleave(mission, static_cast<uint32_t>(run))) {
+    builder->IntegrateSubmap(input);
+    if (background && (run == 0 || random() % 3 == 0)) FinishBackground(builder.get());
+  }
+  if (background) FinishBackground(builder.get());
+  return builder->snapshot();
+}
+
+void PrintClosures(const MapSnapshot& snapshot) {
+  const auto print = [&](const char* kind, const auto& closures) {
+    for (const Closure& closure : closures) {
+      std::printf("  %s %lld-%lld matches %zu rms %.2f px\n", kind,
+                  static_cast<long long>(closure.a.value()),
+                  static_cast<long long>(closure.b.value()), closure.matches.size(),
+                  closure.rms_px);
+    }
+  };
+  if (snapshot.closures) print("accepted", *snapshot.closures);
+  if (snapshot.waiting_closures) print("waiting ", *snapshot.waiting_closures);
+}
+
+Status Run(const Arguments& arguments) {
+  PORTOLAN_ASSIGN_OR_RETURN(const Trajectory groundtruth, ReadTrajectory(arguments.groundtruth));
+  std::printf("%-28s %4s %6s %9s %9s %9s %9s\n", "recording", "run", "parts", "ATE mm", "part mm",
+              "coverage", "closures");
+  std::vector<double> errors;
+  int whole = 0;
+  for (const std::string& folder : arguments.folders) {
+    PORTOLAN_ASSIGN_OR_RETURN(const RecordedMission mission, ReadRecordedMission(folder));
+    for (int run = arguments.first_run; run < arguments.first_run + arguments.runs; ++run) {
+      PORTOLAN_ASSIGN_OR_RETURN(const auto snapshot, Replay(mission, run, arguments.background));
+      PORTOLAN_ASSIGN_OR_RETURN(const MapAccuracy accuracy, EvaluateMap(*snapshot, groundtruth));
+      std::printf("%-28s %4d %6d %9.1f %9.1f %9.3f %9zu\n",
+                  std::filesystem::path(folder).filename().c_str(), run, accuracy.components,
+                  1e3 * accuracy.ate_m, 1e3 * accuracy.worst_part_m, accuracy.coverage,
+                  snapshot->closures ? snapshot->closures->size() : 0);
+      if (arguments.verbose) PrintClosures(*snapshot);
+      std::fflush(stdout);
+      errors.push_back(1e3 * accuracy.ate_m);
+      whole += accuracy.components == 1;
+    }
+  }
+  if (errors.empty()) return absl::InvalidArgumentError("no recording given");
+  std::sort(errors.begin(), errors.end());
+  std::printf("%d of %zu runs in one part; ATE mm: least %.1f, median %.1f, most %.1f\n", whole,
+              errors.size(), errors.front(), errors[errors.size() / 2], errors.back());
+  return absl::OkStatus();
+}
+
+int Main(int argc, char** argv) {
+  Arguments arguments;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    if (word == "--groundtruth" && i + 1 < argc) {
+      arguments.groundtruth = argv[++i];
+    } else if (word == "--runs" && i + 1 < argc) {
+      arguments.runs = std::max(1, std::atoi(argv[++i]));
+    } else if (word == "--first-run" && i + 1 < argc) {
+      arguments.first_run = std::max(0, std::atoi(argv[++i]));
+    } else if (word == "--no-background") {
+      arguments.background = false;
+    } else if (word == "--verbose") {
+      arguments.verbose = true;
+    } else {
+      arguments.folders.push_back(word);
+    }
+  }
+  if (arguments.groundtruth.empty() || arguments.folders.empty()) {
+    std::fprintf(stderr,
+                 "usage: portolan-replay --groundtruth FILE [--runs N] [--verbose] "
+                 "FOLDER...\n");
+    return 2;
+  }
+  const Status status = Run(arguments);
+  if (status.ok()) return 0;
+  std::fprintf(stderr, "portolan-replay: %s\n", std::string(status.message()).c_str());
+  return 1;
+}
+
+}  // namespace
+}  // namespace portolan
+
+int main(int argc, char** argv) { return portolan::Main(argc, argv); }
