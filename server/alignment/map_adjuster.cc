@@ -7,14 +7,17 @@
 namespace portolan {
 namespace {
 
-// Any value serves: nothing else knows the scale of a component that is not metric.
+// Any value serves: nothing else knows the scale then.
 constexpr double kScaleGaugeSigma = 1e-3;
 
 class WindowAdjustment {
  public:
   WindowAdjustment(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
-                   MapModel* model)
-      : options_(options), window_(window.begin(), window.end()), model_(*model) {}
+                   bool hold_shared, MapModel* model)
+      : options_(options),
+        window_(window.begin(), window.end()),
+        hold_shared_(hold_shared),
+        model_(*model) {}
 
   MapAdjustment Run(int passes, const std::atomic<bool>* interrupt) {
     AddLandmarks();
@@ -56,7 +59,9 @@ class WindowAdjustment {
     const ModelLandmark& landmark = model_.landmarks()[index];
     const int point = static_cast<int>(problem_.points.size());
     const size_t before = problem_.observations.size();
+    const bool held = hold_shared_ && IsSharedOutside(landmark);
     for (const LandmarkSight& sight : landmark.sights) {
+      if (held && !window_.contains(sight.submap)) continue;
       const ModelSubmap& submap = model_.submap(sight.submap);
       const int in_submap = MapModel::LandmarkIndex(*submap.refined, sight.track);
       const std::vector<ModelSight>& sights = submap.sights[in_submap];
@@ -78,8 +83,14 @@ class WindowAdjustment {
       names_.resize(before);
       return;
     }
-    problem_.points.push_back({landmark.point_in_world, false});
+    problem_.points.push_back({landmark.point_in_world, held});
     point_landmarks_.push_back(index);
+  }
+
+  bool IsSharedOutside(const ModelLandmark& landmark) const {
+    return std::any_of(
+        landmark.sights.begin(), landmark.sights.end(),
+        [this](const LandmarkSight& sight) { return !window_.contains(sight.submap); });
   }
 
   int CameraIndex(SubmapId id, int keyframe) {
@@ -101,6 +112,7 @@ class WindowAdjustment {
   // A keyframe shared with a held neighbour moves with the window.
   bool IsFree(const std::pair<SubmapId, int>& camera) const {
     if (window_.contains(camera.first)) return true;
+    if (hold_shared_) return false;
     const ModelSubmap& submap = model_.submap(camera.first);
     return submap.successor && window_.contains(*submap.successor) &&
            camera.second + 1 == static_cast<int>(submap.world_from_camera.size());
@@ -127,21 +139,37 @@ class WindowAdjustment {
     if (scale.distance > 0) problem_.distances.push_back(scale);
   }
 
-  // Every metric submap says how far apart its first keyframe and the one farthest from it are.
+  // Every metric submap says how far apart its first keyframe and the one farthest from it are:
+  // what they are now, times the factor that its filter's landmarks ask for.
   void AddMetricDistances() {
-    for (const SubmapId id : window_) {
-      const ModelSubmap& submap = model_.submap(id);
-      if (!submap.refined->raw->metric) continue;
-      DistancePrior prior{CameraIndex(id, 0), 0, 0, options_.metric_log_scale_sigma};
-      const std::vector<Keyframe>& keyframes = submap.refined->raw->keyframes;
-      for (size_t k = 1; k < keyframes.size(); ++k) {
-        const double distance = keyframes[k].submap_from_camera.translation.norm();
+    const std::vector<SubmapId> ids(window_.begin(), window_.end());
+    for (const auto& [id, measurement] : MeasureScales(options_.metric, model_, ids)) {
+      const std::vector<Rigid3>& cameras = model_.submap(id).world_from_camera;
+      DistancePrior prior{CameraIndex(id, 0), 0, 0, measurement.sigma};
+      for (size_t k = 1; k < cameras.size(); ++k) {
+        const double distance = (cameras[k].translation - cameras[0].translation).norm();
         if (distance <= prior.distance) continue;
         prior.distance = distance;
         prior.camera_b = CameraIndex(id, static_cast<int>(k));
       }
-      if (prior.distance > 0) problem_.distances.push_back(prior);
+      if (prior.distance < options_.min_metric_path_of_depth * SceneDepth(id)) continue;
+      prior.distance *= std::exp(measurement.log_scale);
+      problem_.distances.push_back(prior);
     }
+  }
+
+  // Median distance of a submap's landmarks, in the world's units.
+  double SceneDepth(SubmapId id) const {
+    const ModelSubmap& submap = model_.submap(id);
+    std::vector<double> depths;
+    for (const int landmark : submap.landmarks) {
+      depths.push_back((model_.landmarks()[landmark].point_in_world -
+                        submap.world_from_camera.front().translation)
+                           .norm());
+    }
+    if (depths.empty()) return 0;
+    std::nth_element(depths.begin(), depths.begin() + depths.size() / 2, depths.end());
+    return depths[depths.size() / 2];
   }
 
   void Retriangulate() {
@@ -193,6 +221,7 @@ class WindowAdjustment {
 
   const MapAdjusterOptions& options_;
   const std::set<SubmapId> window_;
+  const bool hold_shared_;
   MapModel& model_;
   BundleProblem problem_;
   std::vector<SightName> names_;      // parallel to the observations
@@ -207,15 +236,20 @@ class WindowAdjustment {
 Status MapAdjusterOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(bundle.Validate());
   PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
-  if (!(metric_log_scale_sigma > 0)) {
-    return absl::InvalidArgumentError("map adjuster: metric_log_scale_sigma must be positive");
+  PORTOLAN_RETURN_IF_ERROR(metric.Validate());
+  if (!(min_metric_path_of_depth >= 0)) {
+    return absl::InvalidArgumentError("map adjuster: min_metric_path_of_depth is negative");
   }
   return absl::OkStatus();
 }
 
 MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
                         int passes, const std::atomic<bool>* interrupt, MapModel* model) {
-  return WindowAdjustment(options, window, model).Run(passes, interrupt);
+  return WindowAdjustment(options, window, false, model).Run(passes, interrupt);
+}
+
+MapAdjustment AdjustSubmapToMap(const MapAdjusterOptions& options, SubmapId id, MapModel* model) {
+  return WindowAdjustment(options, {id}, true, model).Run(1, nullptr);
 }
 
 }  // namespace portolan

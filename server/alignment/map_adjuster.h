@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "server/alignment/map_model.h"
+#include "server/alignment/metric_frame.h"
 #include "server/refinement/bundle_adjuster.h"
 #include "server/refinement/triangulation.h"
 
@@ -18,9 +19,11 @@ struct MapAdjusterOptions {
   BundleOptions bundle;
   // For landmarks that lost their observations; poses are good by then.
   TriangulationOptions triangulation;
-  // Relative standard deviation of the length of a metric submap's path; sensors with an IMU or
-  // odometry reach a percent.
-  double metric_log_scale_sigma = 0.02;
+  // How far the metric submaps are believed.
+  MetricFrameOptions metric;
+  // A metric submap whose path is shorter than this share of its scene's depth has no say: a
+  // distance of next to nothing tells no scale.
+  double min_metric_path_of_depth = 0.05;
 
   Status Validate() const;
 };
@@ -34,11 +37,16 @@ struct MapAdjustment {
 
 // Adjusts the cameras of `window` (submaps of one component) and every landmark they see; cameras
 // of other submaps that see these landmarks are held. If nothing is held, the component's oldest
-// camera is, and unless the submaps are metric, its distance to the farthest camera. `passes`
-// counts solves; between two, landmarks without inliers are triangulated again. Afterwards
+// camera is, and unless a metric submap tells the scale, its distance to the farthest camera.
+// `passes` counts solves; between two, landmarks without inliers are triangulated again. Afterwards
 // world_from_submap follows the cameras. Deterministic with one thread.
 MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
                         int passes, const std::atomic<bool>* interrupt, MapModel* model);
+
+// Adjusts the cameras of one submap to the landmarks that other submaps see as well, which are
+// held, and its other landmarks; the keyframe shared with the predecessor is held too. Costs what
+// the submap's own observations cost, however often its landmarks were seen.
+MapAdjustment AdjustSubmapToMap(const MapAdjusterOptions& options, SubmapId id, MapModel* model);
 
 }  // namespace portolan
 

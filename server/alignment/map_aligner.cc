@@ -284,6 +284,7 @@ Matrix7d MapAligner::Covariance(SubmapId id) const {
 
 void MapAligner::AdjustAround(SubmapId id) {
   if (model_.submap(id).quarantined()) return;
+  MakeMetric(model_.submap(id).component);
   std::set<SubmapId> window = {id};
   SubmapId predecessor = id;
   for (int i = 0; i < options_.window_predecessors && model_.submap(predecessor).link; ++i) {
@@ -314,11 +315,13 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
       std::max_element(stale_.begin(), stale_.end(),
                        [](const auto& a, const auto& b) { return a.second < b.second; });
   const ComponentId component = most->first;
+  MakeMetric(component);
   const std::vector<SubmapId> ids = model_.SubmapsOf(component);
   last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_);
   Touch(ids);
   if (last_adjustment_.summary.interrupted) return;
   stale_.erase(component);
+  MakeMetric(component);
   DropFailedClosures(component);
 }
 
@@ -375,6 +378,14 @@ void MapAligner::PartComponent(ComponentId component) {
     MarkStale(name, 2);
     Touch(part);
   }
+}
+
+void MapAligner::MakeMetric(ComponentId component) {
+  const Similarity3 metric_from_world =
+      MetricFromWorld(options_.adjuster.metric, model_, model_.SubmapsOf(component));
+  if (metric_from_world.scale == 1 && metric_from_world.rotation.w() == 1) return;
+  model_.MoveComponent(component, component, metric_from_world);
+  TouchComponent(component);
 }
 
 void MapAligner::TouchComponent(ComponentId component) { Touch(model_.SubmapsOf(component)); }

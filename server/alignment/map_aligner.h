@@ -96,6 +96,8 @@ class MapAligner {
   bool Survives(const Closure& closure) const;
   void DropFailedClosures(ComponentId component);
   void PartComponent(ComponentId component);
+  // Moves the component's world to metres and a vertical axis, as its metric submaps have it.
+  void MakeMetric(ComponentId component);
   void TouchComponent(ComponentId component);
   void Touch(const std::vector<SubmapId>& window);
   void MarkStale(ComponentId component, int urgency);

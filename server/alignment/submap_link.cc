@@ -95,9 +95,7 @@ Status SubmapLinkOptions::Validate() const {
 
 SubmapRelation LinkToPredecessor(const SubmapLinkOptions& options, const RefinedSubmap& predecessor,
                                  const RefinedSubmap& successor) {
-  const bool metric = predecessor.raw->metric && successor.raw->metric;
-  LogScale scale{0, options.min_log_scale_sigma};
-  if (!metric) scale = RobustLogScale(options, SharedRatios(predecessor, successor));
+  const LogScale scale = RobustLogScale(options, SharedRatios(predecessor, successor));
   SubmapRelation link;
   link.a = predecessor.id;
   link.b = successor.id;

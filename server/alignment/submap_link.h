@@ -32,7 +32,8 @@ struct SubmapRelation {
 };
 
 // predecessor_from_successor: rotation and translation are those of the shared keyframe, the scale
-// is a robust mean over the ranges of the shared landmarks from it. Exactly 1 if both are metric.
+// is a robust mean over the ranges of the shared landmarks from it. So it is for metric submaps,
+// whose own scales are known to a percent or two, shared landmarks far better.
 // Neither submap is quarantined.
 SubmapRelation LinkToPredecessor(const SubmapLinkOptions& options, const RefinedSubmap& predecessor,
                                  const RefinedSubmap& successor);

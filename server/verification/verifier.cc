@@ -13,8 +13,6 @@
 namespace portolan {
 namespace {
 
-// Standard deviation of log scale that a closure between two metric submaps reports.
-constexpr double kMetricLogScaleSigma = 1e-4;
 constexpr int kGridColumns = 8, kGridRows = 6;
 
 Status CheckRange(const char* name, double value, double low, double high) {
@@ -54,13 +52,11 @@ class Verification {
                VerificationReport* report)
       : options_(options), a_(a), b_(b), report_(report) {
     ransac_options_ = options.ransac;
-    ransac_options_.fixed_scale = a.submap->raw->metric && b.submap->raw->metric;
     refinement_options_.sigma_px = options.evidence.sigma_px;
-    refinement_options_.fixed_scale = ransac_options_.fixed_scale;
   }
 
   bool Run() {
-    return FindHypothesis() && Refine() && CheckInliers() && CheckConditioning() &&
+    return FindHypothesis() && Refine() && CheckInliers() && CheckConditioning() && CheckScale() &&
            CheckGravity() && CheckRivals();
   }
 
@@ -180,9 +176,6 @@ class Verification {
       mean += 0.5 * chi_squared / static_cast<double>(refined_.chi_squared.size());
     }
     information_ = refined_.information / std::max(1.0, mean);
-    if (refinement_options_.fixed_scale) {
-      information_(6, 6) = 1.0 / (kMetricLogScaleSigma * kMetricLogScaleSigma);
-    }
     const Eigen::LLT<Matrix7d> factor(information_);
     if (factor.info() != Eigen::Success) return Refuse("ill-conditioned");
     const Matrix7d covariance = factor.solve(Matrix7d::Identity());
@@ -213,6 +206,12 @@ class Verification {
     if (distances.empty()) return 0;
     std::nth_element(distances.begin(), distances.begin() + distances.size() / 2, distances.end());
     return distances[distances.size() / 2];
+  }
+
+  bool CheckScale() {
+    if (!a_.submap->raw->metric || !b_.submap->raw->metric) return true;
+    return std::abs(std::log(refined_.a_from_b.scale)) < options_.max_metric_log_scale ||
+           Refuse("metric scales disagree");
   }
 
   bool CheckGravity() {

@@ -47,6 +47,8 @@ struct VerifierOptions {
   double max_rotation_sigma_rad = 0.02;
   double max_log_scale_sigma = 0.1;
   double max_relative_translation_sigma = 0.05;
+  // Log of the scale between two metric submaps; each is known to a few percent.
+  double max_metric_log_scale = 0.2;
   // Between the directions of gravity, where both submaps know them.
   double max_gravity_error_rad = 0.15;
 
@@ -78,8 +80,8 @@ class Verifier {
   static StatusOr<Verifier> Create(const VerifierOptions& options);
 
   // The verified relation, or no value if the submaps do not certainly show the same place. Every
-  // LandmarkMatch names tracks that have a landmark in both submaps; no track appears twice. If
-  // both submaps are metric the scale is exactly 1 and its information is that of a constant.
+  // LandmarkMatch names tracks that have a landmark in both submaps; no track appears twice. The
+  // scale is estimated for metric submaps as well: their own scales have errors of some percent.
   std::optional<Closure> Verify(const RefinedSubmap& a, const RefinedSubmap& b,
                                 VerificationReport* report = nullptr) const;
 
