@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdlib>
+#include <map>
+#include <mutex>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
@@ -38,7 +41,7 @@ Status MapBuilderOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(verifier.Validate());
   PORTOLAN_RETURN_IF_ERROR(aligner.Validate());
   PORTOLAN_RETURN_IF_ERROR(fuser.Validate());
-  if (max_candidates < 0 || min_sequence_distance < 1 || num_threads < 1) {
+  if (max_candidates < 0 || enough_closures < 1 || min_sequence_distance < 1 || num_threads < 1) {
     return absl::InvalidArgumentError("map builder: limits out of range");
   }
   return absl::OkStatus();
@@ -61,7 +64,7 @@ class MapBuilder::Impl {
     aligner_.TakeTouched();
     for (const auto& state : snapshot->submaps) {
       if (state->refined->quarantine_reason.empty()) {
-        places_->Add(state->refined->id, *state->refined->raw);
+        AddPlace(*state->refined);
       }
     }
     snapshot_ = std::move(snapshot);
@@ -69,9 +72,19 @@ class MapBuilder::Impl {
 
   bool Contains(SubmapId id) const { return aligner_.model().Contains(id); }
 
-  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) {
-    const StageTimer timer(&times_.refine);
-    return refiner_.Refine(input.id, input.submap, input.camera);
+  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const {
+    StageTime time;
+    std::shared_ptr<const RefinedSubmap> refined;
+    {
+      const StageTimer timer(&time);
+      refined = refiner_.Refine(input.id, input.submap, input.camera);
+    }
+    const std::lock_guard lock(refine_mutex_);
+    refine_time_.last_ms = time.last_ms;
+    refine_time_.total_ms += time.total_ms;
+    refine_time_.max_ms = std::max(refine_time_.max_ms, time.max_ms);
+    ++refine_time_.count;
+    return refined;
   }
 
   void Link(std::shared_ptr<const RefinedSubmap> refined) {
@@ -82,10 +95,11 @@ class MapBuilder::Impl {
   std::vector<PlaceCandidate> Recognise(const RefinedSubmap& refined) {
     const StageTimer timer(&times_.recognise);
     if (!refined.quarantine_reason.empty()) return {};
-    const auto admissible = [&](SubmapId id) { return IsCandidate(refined, id); };
+    const Place here = PlaceOf(*refined.raw);
+    const auto admissible = [&](SubmapId id) { return IsCandidate(here, place_of_.at(id)); };
     std::vector<PlaceCandidate> candidates =
         places_->Query(*refined.raw, options_.max_candidates, admissible);
-    places_->Add(refined.id, *refined.raw);
+    AddPlace(refined);
     return candidates;
   }
 
@@ -93,7 +107,10 @@ class MapBuilder::Impl {
                               const std::vector<PlaceCandidate>& candidates) {
     const StageTimer timer(&times_.verify);
     std::vector<Closure> closures;
+    const bool is_large = aligner_.model().submaps().size() >
+                          static_cast<size_t>(options_.aligner.full_component_submaps);
     for (const PlaceCandidate& candidate : candidates) {
+      if (is_large && closures.size() >= static_cast<size_t>(options_.enough_closures)) break;
       std::optional<Closure> closure =
           verifier_.Verify(*aligner_.model().submap(candidate.submap).refined, refined);
       if (closure) closures.push_back(*std::move(closure));
@@ -120,17 +137,34 @@ class MapBuilder::Impl {
   }
 
   const std::shared_ptr<const MapSnapshot>& snapshot() const { return snapshot_; }
-  const StageTimes& times() const { return times_; }
+  StageTimes times() const {
+    StageTimes times = times_;
+    const std::lock_guard lock(refine_mutex_);
+    times.refine = refine_time_;
+    return times;
+  }
 
  private:
-  bool IsCandidate(const RefinedSubmap& refined, SubmapId id) const {
-    if (id == refined.id) return false;
-    const SubmapKey& key = refined.raw->key;
-    const SubmapKey& other = aligner_.model().submap(id).refined->raw->key;
-    if (key.agent != other.agent || key.session != other.session) return true;
-    const int64_t distance =
-        static_cast<int64_t>(key.sequence_number) - static_cast<int64_t>(other.sequence_number);
-    return std::abs(distance) >= options_.min_sequence_distance;
+  // Where a submap stands in its agent's way.
+  struct Place {
+    int session = 0;
+    int64_t sequence_number = 0;
+  };
+
+  Place PlaceOf(const Submap& raw) {
+    const auto session =
+        sessions_.try_emplace({raw.key.agent, raw.key.session}, static_cast<int>(sessions_.size()));
+    return {session.first->second, raw.key.sequence_number};
+  }
+
+  void AddPlace(const RefinedSubmap& refined) {
+    place_of_[refined.id] = PlaceOf(*refined.raw);
+    places_->Add(refined.id, *refined.raw);
+  }
+
+  bool IsCandidate(const Place& here, const Place& there) const {
+    return here.session != there.session ||
+           std::abs(here.sequence_number - there.sequence_number) >= options_.min_sequence_distance;
   }
 
   const MapBuilderOptions options_;
@@ -140,7 +174,12 @@ class MapBuilder::Impl {
   MapAligner aligner_;
   const MapFuser fuser_;
   std::shared_ptr<const MapSnapshot> snapshot_;
+  std::map<std::pair<AgentId, SessionId>, int> sessions_;
+  // Of every submap in the place index.
+  std::unordered_map<SubmapId, Place> place_of_;
   StageTimes times_;
+  mutable std::mutex refine_mutex_;
+  mutable StageTime refine_time_;  // guarded by refine_mutex_
 };
 
 StatusOr<std::unique_ptr<MapBuilder>> MapBuilder::Create(const MapBuilderOptions& options) {
@@ -163,9 +202,14 @@ void MapBuilder::Restore(std::shared_ptr<const MapSnapshot> snapshot) {
   impl_->Restore(std::move(snapshot));
 }
 
+std::shared_ptr<const RefinedSubmap> MapBuilder::Refine(const SubmapInput& input) const {
+  return impl_->Refine(input);
+}
+
 void MapBuilder::IntegrateSubmap(const SubmapInput& input) {
   if (impl_->Contains(input.id)) return;
-  const std::shared_ptr<const RefinedSubmap> refined = impl_->Refine(input);
+  const std::shared_ptr<const RefinedSubmap> refined =
+      input.refined != nullptr ? input.refined : impl_->Refine(input);
   impl_->Link(refined);
   const std::vector<PlaceCandidate> candidates = impl_->Recognise(*refined);
   const std::vector<Closure> closures = impl_->Verify(*refined, candidates);
@@ -183,6 +227,6 @@ void MapBuilder::RunBackgroundWork(const std::atomic<bool>& interrupt) {
 
 std::shared_ptr<const MapSnapshot> MapBuilder::snapshot() const { return impl_->snapshot(); }
 
-const StageTimes& MapBuilder::stage_times() const { return impl_->times(); }
+StageTimes MapBuilder::stage_times() const { return impl_->times(); }
 
 }  // namespace portolan

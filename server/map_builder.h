@@ -20,6 +20,8 @@ struct SubmapInput {
   SubmapId id;
   std::shared_ptr<const Submap> submap;
   std::shared_ptr<const CameraModel> camera;
+  // MapBuilder::Refine() of the above, if somebody had the time.
+  std::shared_ptr<const RefinedSubmap> refined = nullptr;
 };
 
 // Wall time of one stage since the builder was created.
@@ -40,8 +42,8 @@ struct StageTimes {
   StageTime background;
 };
 
-// Thread-compatible: one thread calls it. Knows no thread, database or message. Snapshots are
-// immutable and may be shared with other threads.
+// Thread-compatible: one thread calls it, except for Refine. Knows no thread, database or message.
+// Snapshots are immutable and may be shared with other threads.
 class MapBuilder {
  public:
   static StatusOr<std::unique_ptr<MapBuilder>> Create(const MapBuilderOptions& options);
@@ -50,6 +52,10 @@ class MapBuilder {
   // Continues a stored map; call it before the first submap is integrated. The indices are
   // rebuilt from the refined submaps.
   void Restore(std::shared_ptr<const MapSnapshot> snapshot);
+
+  // The first stage alone; thread-safe, for it depends on nothing but its argument. Put the result
+  // into the input, and IntegrateSubmap need not do it.
+  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const;
 
   // Takes one submap, which is valid (common/wire checked it), through all stages. Ids ascend; a
   // submap that is there already is ignored. A submap that cannot be refined is kept, in a
@@ -66,7 +72,7 @@ class MapBuilder {
   // The newest version of the map; never null.
   std::shared_ptr<const MapSnapshot> snapshot() const;
 
-  const StageTimes& stage_times() const;
+  StageTimes stage_times() const;
 
  private:
   class Impl;

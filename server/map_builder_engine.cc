@@ -12,6 +12,9 @@ class MapBuilderEngine : public MapEngine {
   void Restore(std::shared_ptr<const MapSnapshot> snapshot) override {
     builder_->Restore(std::move(snapshot));
   }
+  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const override {
+    return builder_->Refine(input);
+  }
   void IntegrateSubmap(const SubmapInput& input) override { builder_->IntegrateSubmap(input); }
   bool HasBackgroundWork() const override { return builder_->HasBackgroundWork(); }
   void RunBackgroundWork(const std::atomic<bool>& interrupt) override {

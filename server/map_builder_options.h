@@ -20,6 +20,9 @@ struct MapBuilderOptions {
   // Places that are verified for each submap; every closure more makes the map more accurate, and
   // a failed verification costs some milliseconds.
   int max_candidates = 8;
+  // Once the map is larger than aligner.full_component_submaps, so many closures are enough for a
+  // submap: more of them repeat what its neighbours say.
+  int enough_closures = 3;
   // Submaps of the same session nearer than this in the sequence share tracks; closing with them
   // adds nothing.
   int min_sequence_distance = 3;

@@ -122,7 +122,7 @@ class Server::Impl {
       PORTOLAN_RETURN_IF_ERROR(store_->DropDerived());
       // The versions go on, so that an agent that knows an old one is told what moved.
       auto empty = std::make_shared<MapSnapshot>();
-      empty->closures = std::make_shared<const std::vector<Closure>>();
+      empty->closures = std::make_shared<const ClosureList>();
       if (map.snapshot) empty->version = map.snapshot->version;
       map.snapshot = std::move(empty);
     }

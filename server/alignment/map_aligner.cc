@@ -9,25 +9,9 @@
 namespace portolan {
 namespace {
 
-double MedianRange(const RefinedSubmap& submap) {
-  std::vector<double> ranges;
-  for (const RefinedLandmark& landmark : submap.landmarks) {
-    ranges.push_back(landmark.point_in_submap.norm());
-  }
-  if (ranges.empty()) return 1.0;
-  std::nth_element(ranges.begin(), ranges.begin() + ranges.size() / 2, ranges.end());
-  return ranges[ranges.size() / 2];
-}
-
 Matrix7d Inverse(const Matrix7d& positive_definite) {
   const Matrix7d inverse = positive_definite.llt().solve(Matrix7d::Identity());
   return 0.5 * (inverse + inverse.transpose());
-}
-
-// Covariance of the right perturbation of the inverse of `transform`.
-Matrix7d CovarianceOfInverse(const Similarity3& transform, const Matrix7d& covariance) {
-  const Matrix7d adjoint = transform.Adjoint();
-  return adjoint * covariance * adjoint.transpose();
 }
 
 }  // namespace
@@ -38,8 +22,12 @@ Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(adjuster.Validate());
   PORTOLAN_RETURN_IF_ERROR(graph.Validate());
   PORTOLAN_RETURN_IF_ERROR(consistency.Validate());
-  if (min_matches_of_single_closure < 1 || !(closure_translation_floor_of_depth > 0) ||
-      !(closure_rotation_floor_rad > 0) || !(closure_log_scale_floor > 0) ||
+  PORTOLAN_RETURN_IF_ERROR(relations.Validate());
+  if (full_component_submaps < 1 || region_submaps < 1 || loop_region_submaps < 2 ||
+      max_loop_region_submaps < loop_region_submaps || placing_iterations < 1) {
+    return absl::InvalidArgumentError("map aligner: sizes must be positive");
+  }
+  if (min_matches_of_single_closure < 1 ||
       !(min_surviving_matches >= 0 && min_surviving_matches <= 1) || window_predecessors < 0 ||
       window_closures < 0 || local_iterations < 1 || max_pending < 0) {
     return absl::InvalidArgumentError("map aligner: limits out of range");
@@ -48,17 +36,18 @@ Status MapAlignerOptions::Validate() const {
 }
 
 MapAligner::MapAligner(const MapAlignerOptions& options)
-    : options_(options), model_(options.model) {}
+    : options_(options), model_(options.model), relations_(options.relations) {}
 
 void MapAligner::RestoreSubmap(const PlacedSubmap& placed) {
   const SubmapId id = placed.refined->id;
   model_.Restore(placed, LinkOf(*placed.refined));
   id_of_key_[placed.refined->raw->key] = id;
-  if (!model_.submap(id).quarantined()) MarkStale(placed.component, 1);
+  relations_.AddSubmap(model_, id);
+  if (!model_.submap(id).quarantined()) MarkStale(id, 1);
 }
 
-void MapAligner::RestoreClosure(const Closure& closure) {
-  if (model_.Contains(closure.a) && model_.Contains(closure.b)) Accept(closure);
+void MapAligner::RestoreClosure(std::shared_ptr<const Closure> closure) {
+  if (model_.Contains(closure->a) && model_.Contains(closure->b)) Accept(std::move(closure));
 }
 
 std::optional<SubmapRelation> MapAligner::LinkOf(const RefinedSubmap& refined) const {
@@ -75,8 +64,10 @@ std::optional<SubmapRelation> MapAligner::LinkOf(const RefinedSubmap& refined) c
   return LinkToPredecessor(options_.link, *predecessor.refined, refined);
 }
 
-void MapAligner::RestoreWaitingClosure(const Closure& closure) {
-  if (model_.Contains(closure.a) && model_.Contains(closure.b)) pending_.push_back(closure);
+void MapAligner::RestoreWaitingClosure(std::shared_ptr<const Closure> closure) {
+  if (model_.Contains(closure->a) && model_.Contains(closure->b)) {
+    pending_.push_back(std::move(closure));
+  }
 }
 
 void MapAligner::AddSubmap(std::shared_ptr<const RefinedSubmap> refined) {
@@ -84,8 +75,14 @@ void MapAligner::AddSubmap(std::shared_ptr<const RefinedSubmap> refined) {
   id_of_key_[refined->raw->key] = id;
   const std::optional<SubmapRelation> link = LinkOf(*refined);
   model_.Add(std::move(refined), link);
-  Touch({id});
-  if (!model_.submap(id).quarantined()) MarkStale(model_.submap(id).component, 1);
+  relations_.AddSubmap(model_, id);
+  if (IsLarge(model_.submap(id).component)) {
+    touched_.insert(id);
+    TouchLandmarksOf(id);
+  } else {
+    Touch({id});
+  }
+  if (!model_.submap(id).quarantined()) MarkStale(id, 1);
 }
 
 void MapAligner::AddClosures(const std::vector<Closure>& closures) {
@@ -97,7 +94,8 @@ void MapAligner::AddClosures(const std::vector<Closure>& closures) {
   while (JoinComponents()) CloseLoops();
   CloseLoops();
   if (pending_.size() > static_cast<size_t>(options_.max_pending)) {
-    pending_.erase(pending_.begin(), pending_.end() - options_.max_pending);
+    size_t surplus = pending_.size() - options_.max_pending;
+    ErasePending([&](const Closure&) { return surplus > 0 && surplus-- > 0; });
   }
 }
 
@@ -110,6 +108,12 @@ bool MapAligner::JoinComponents() {
   }
   const auto relative = [this](SubmapId a, SubmapId b) { return Relative(a, b); };
   for (const auto& [components, closures] : groups) {
+    // With a large component a group is judged again only when it has grown.
+    if (IsLarge(components.first) || IsLarge(components.second)) {
+      size_t& judged = judged_group_sizes_[components];
+      if (judged == closures.size()) continue;
+      judged = closures.size();
+    }
     std::vector<Closure> agreeing;
     for (const size_t i : LargestConsistentSet(closures, relative, options_.consistency)) {
       agreeing.push_back(closures[i]);
@@ -135,26 +139,39 @@ void MapAligner::Join(const std::vector<Closure>& agreeing) {
   const ComponentId in_a = a.component;
   const ComponentId in_b = b.component;
   stale_.erase(std::max(in_a, in_b));
+  const std::vector<SubmapId> moved = model_.SubmapsOf(std::max(in_a, in_b));
   if (in_a < in_b) {
     model_.MoveComponent(in_b, in_a, a_world_from_b_world);
   } else {
     model_.MoveComponent(in_a, in_b, a_world_from_b_world.Inverse());
   }
-  std::erase_if(pending_,
-                [&](const Closure& closure) { return closure.a == best.a && closure.b == best.b; });
-  Accept(best);
-  TouchComponent(std::min(in_a, in_b));
+  ErasePending([&](const Closure& closure) { return closure.a == best.a && closure.b == best.b; });
+  Accept(std::make_shared<const Closure>(best));
+  judged_group_sizes_.clear();
+  relations_.Rechain(model_, moved);
+  if (IsLarge(std::min(in_a, in_b))) {
+    Touch(moved);
+  } else {
+    TouchComponent(std::min(in_a, in_b));
+  }
 }
 
 // Solves the graph of each component that has waiting closures; those that fit are accepted. Links
 // and accepted closures enter as the map has them now, so that what the adjustments gained stays.
 bool MapAligner::CloseLoops() {
   std::map<ComponentId, std::vector<size_t>> loops;
+  std::vector<std::shared_ptr<const Closure>> in_large;
   for (size_t i = 0; i < pending_.size(); ++i) {
     const ComponentId component = model_.submap(pending_[i].a).component;
-    if (component == model_.submap(pending_[i].b).component) loops[component].push_back(i);
+    if (component != model_.submap(pending_[i].b).component) continue;
+    if (IsLarge(component)) {
+      in_large.push_back(pending_.shared(i));
+    } else {
+      loops[component].push_back(i);
+    }
   }
-  std::set<size_t> closed;
+  if (loops.empty()) return CloseLoopsLocally(in_large);
+  std::set<const Closure*> closed;
   for (const auto& [component, candidates] : loops) {
     const std::vector<SubmapId> ids = model_.SubmapsOf(component);
     std::map<SubmapId, int> nodes;
@@ -172,118 +189,62 @@ bool MapAligner::CloseLoops() {
     for (const SubmapId id : ids) {
       if (const auto& link = model_.submap(id).link) add(link->a, id, link->information);
     }
-    for (const Closure& closure : accepted_) {
+    for (const Closure& closure : closures()) {
       if (nodes.contains(closure.a)) {
-        add(closure.a, closure.b, Inverse(FlooredCovariance(closure)));
+        add(closure.a, closure.b, Inverse(relations_.FlooredCovariance(model_, closure)));
       }
     }
     const size_t first = graph.relations.size();
     for (const size_t i : candidates) {
       const Closure& closure = pending_[i];
       graph.relations.push_back({nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
-                                 Inverse(FlooredCovariance(closure)), true});
+                                 Inverse(relations_.FlooredCovariance(model_, closure)), true});
     }
     const std::vector<double> weights = SolveRelationGraph(options_.graph, &graph);
     const size_t before = closed.size();
     for (size_t i = 0; i < candidates.size(); ++i) {
-      if (weights[first + i] > 0.5) closed.insert(candidates[i]);
+      if (weights[first + i] > 0.5) closed.insert(&pending_[candidates[i]]);
     }
     if (closed.size() == before) continue;
     for (const SubmapId id : ids) model_.MoveSubmap(id, graph.world_from_node[nodes.at(id)]);
     TouchComponent(component);
   }
-  std::vector<Closure> waiting;
-  std::vector<Closure> now;
-  for (size_t i = 0; i < pending_.size(); ++i) {
-    (closed.contains(i) ? now : waiting).push_back(pending_[i]);
-  }
-  pending_ = std::move(waiting);
-  for (const Closure& closure : now) Accept(closure);
-  return !now.empty();
+  ClosureList now = pending_;
+  now.EraseIf([&](const Closure& closure) { return !closed.contains(&closure); });
+  ErasePending([&](const Closure& closure) { return closed.contains(&closure); });
+  for (size_t i = 0; i < now.size(); ++i) Accept(now.shared(i));
+  return CloseLoopsLocally(in_large) || !now.empty();
 }
 
-void MapAligner::Accept(const Closure& closure) {
-  closures_of_[closure.a].push_back(accepted_.size());
-  closures_of_[closure.b].push_back(accepted_.size());
-  accepted_.push_back(closure);
-  UniteMatches(closure);
-  MarkStale(model_.submap(closure.a).component, 2);
+void MapAligner::Accept(std::shared_ptr<const Closure> closure) {
+  relations_.AddClosure(model_, closure);
+  UniteMatches(*closure);
+  MarkStale(closure->a, 2);
+  MarkStale(closure->b, 2);
+}
+
+void MapAligner::ErasePending(const std::function<bool(const Closure&)>& predicate) {
+  pending_.EraseIf([&](const Closure& closure) {
+    const bool erased = predicate(closure);
+    if (erased) judged_.erase(&closure);
+    return erased;
+  });
 }
 
 void MapAligner::UniteMatches(const Closure& closure) {
   for (const LandmarkMatch& match : closure.matches) {
+    TouchLandmark({closure.a, match.in_a});
+    TouchLandmark({closure.b, match.in_b});
     model_.UniteLandmarks({closure.a, match.in_a}, {closure.b, match.in_b});
   }
 }
 
-Matrix7d MapAligner::FlooredCovariance(const Closure& closure) const {
-  Matrix7d covariance = Inverse(closure.information);
-  const double translation =
-      options_.closure_translation_floor_of_depth * MedianRange(*model_.submap(closure.b).refined);
-  covariance.diagonal().head<3>().array() += translation * translation;
-  covariance.diagonal().segment<3>(3).array() +=
-      options_.closure_rotation_floor_rad * options_.closure_rotation_floor_rad;
-  covariance(6, 6) += options_.closure_log_scale_floor * options_.closure_log_scale_floor;
-  return covariance;
-}
-
-std::vector<MapAligner::Neighbour> MapAligner::NeighboursOf(SubmapId id) const {
-  std::vector<Neighbour> neighbours;
-  const ModelSubmap& submap = model_.submap(id);
-  const auto relative = [&](SubmapId from) {
-    return submap.world_from_submap.Inverse() * model_.submap(from).world_from_submap;
-  };
-  // `covariance` belongs to a_from_b.
-  const auto add = [&](SubmapId a, SubmapId b, const Matrix7d& covariance) {
-    if (id == a) {
-      neighbours.push_back({b, relative(b), covariance});
-    } else {
-      const Similarity3 from_a = relative(a);
-      neighbours.push_back({a, from_a, CovarianceOfInverse(from_a.Inverse(), covariance)});
-    }
-  };
-  if (submap.link) add(submap.link->a, id, Inverse(submap.link->information));
-  if (submap.successor) {
-    add(id, *submap.successor, Inverse(model_.submap(*submap.successor).link->information));
-  }
-  const auto closures = closures_of_.find(id);
-  if (closures == closures_of_.end()) return neighbours;
-  for (const size_t i : closures->second) {
-    add(accepted_[i].a, accepted_[i].b, FlooredCovariance(accepted_[i]));
-  }
-  return neighbours;
-}
-
-// Along the chain with the fewest members.
-std::optional<UncertainSimilarity> MapAligner::Relative(SubmapId a, SubmapId b) const {
-  if (model_.submap(a).component != model_.submap(b).component) return std::nullopt;
-  std::map<SubmapId, Matrix7d> covariances = {{a, Matrix7d::Zero()}};
-  std::deque<SubmapId> front = {a};
-  while (!front.empty() && !covariances.contains(b)) {
-    const SubmapId id = front.front();
-    front.pop_front();
-    for (const Neighbour& neighbour : NeighboursOf(id)) {
-      if (covariances.contains(neighbour.submap)) continue;
-      const Matrix7d adjoint = neighbour.from_neighbour.Inverse().Adjoint();
-      covariances[neighbour.submap] =
-          adjoint * covariances.at(id) * adjoint.transpose() + neighbour.covariance;
-      front.push_back(neighbour.submap);
-    }
-  }
-  if (!covariances.contains(b)) return std::nullopt;
-  return UncertainSimilarity{
-      model_.submap(a).world_from_submap.Inverse() * model_.submap(b).world_from_submap,
-      covariances.at(b)};
-}
-
-Matrix7d MapAligner::Covariance(SubmapId id) const {
-  const SubmapId oldest(model_.submap(id).component.value());
-  const std::optional<UncertainSimilarity> relative = Relative(oldest, id);
-  return relative ? relative->covariance : Matrix7d::Zero();
-}
-
 void MapAligner::AdjustAround(SubmapId id) {
   if (model_.submap(id).quarantined()) return;
+  if (IsLarge(model_.submap(id).component)) {
+    PlaceSubmap(id);
+    return;
+  }
   MakeMetric(model_.submap(id).component);
   std::set<SubmapId> window = {id};
   SubmapId predecessor = id;
@@ -291,17 +252,14 @@ void MapAligner::AdjustAround(SubmapId id) {
     predecessor = model_.submap(predecessor).link->a;
     window.insert(predecessor);
   }
-  const auto closures = closures_of_.find(id);
-  if (closures != closures_of_.end()) {
-    std::vector<size_t> order = closures->second;
-    std::stable_sort(order.begin(), order.end(), [this](size_t a, size_t b) {
-      return accepted_[a].matches.size() > accepted_[b].matches.size();
-    });
-    if (order.size() > static_cast<size_t>(options_.window_closures)) {
-      order.resize(options_.window_closures);
-    }
-    for (const size_t i : order) window.insert({accepted_[i].a, accepted_[i].b});
+  std::vector<size_t> order = relations_.ClosuresOf(id);
+  std::stable_sort(order.begin(), order.end(), [this](size_t a, size_t b) {
+    return closures()[a].matches.size() > closures()[b].matches.size();
+  });
+  if (order.size() > static_cast<size_t>(options_.window_closures)) {
+    order.resize(options_.window_closures);
   }
+  for (const size_t i : order) window.insert({closures()[i].a, closures()[i].b});
   MapAdjusterOptions local = options_.adjuster;
   local.bundle.max_iterations = options_.local_iterations;
   const std::vector<SubmapId> ids(window.begin(), window.end());
@@ -310,13 +268,24 @@ void MapAligner::AdjustAround(SubmapId id) {
 }
 
 void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
-  if (stale_.empty()) return;
+  if (stale_.empty()) {
+    AdjustRegion(interrupt);
+    return;
+  }
   const auto most =
       std::max_element(stale_.begin(), stale_.end(),
                        [](const auto& a, const auto& b) { return a.second < b.second; });
   const ComponentId component = most->first;
-  MakeMetric(component);
   const std::vector<SubmapId> ids = model_.SubmapsOf(component);
+  if (IsLarge(component)) {
+    // It outgrew its kind.
+    const int urgency = most->second;
+    stale_.erase(most);
+    for (const SubmapId id : ids) MarkStale(id, urgency);
+    AdjustRegion(interrupt);
+    return;
+  }
+  MakeMetric(component);
   last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_);
   Touch(ids);
   if (last_adjustment_.summary.interrupted) return;
@@ -344,16 +313,14 @@ bool MapAligner::Survives(const Closure& closure) const {
 }
 
 void MapAligner::DropFailedClosures(ComponentId component) {
-  const size_t before = accepted_.size();
-  std::erase_if(accepted_, [&](const Closure& closure) {
-    return model_.submap(closure.a).component == component && !Survives(closure);
-  });
-  if (accepted_.size() == before) return;
-  closures_of_.clear();
-  for (size_t i = 0; i < accepted_.size(); ++i) {
-    closures_of_[accepted_[i].a].push_back(i);
-    closures_of_[accepted_[i].b].push_back(i);
+  std::set<const Closure*> failed;
+  for (const Closure& closure : closures()) {
+    if (model_.submap(closure.a).component == component && !Survives(closure)) {
+      failed.insert(&closure);
+    }
   }
+  if (failed.empty()) return;
+  relations_.EraseClosures([&](const Closure& closure) { return failed.contains(&closure); });
   PartComponent(component);
 }
 
@@ -361,7 +328,7 @@ void MapAligner::DropFailedClosures(ComponentId component) {
 void MapAligner::PartComponent(ComponentId component) {
   const std::vector<SubmapId> ids = model_.SubmapsOf(component);
   model_.SeparateLandmarks(ids);
-  for (const Closure& closure : accepted_) {
+  for (const Closure& closure : closures()) {
     if (model_.submap(closure.a).component == component) UniteMatches(closure);
   }
   std::set<SubmapId> left(ids.begin(), ids.end());
@@ -370,12 +337,13 @@ void MapAligner::PartComponent(ComponentId component) {
     std::vector<SubmapId> part = {*left.begin()};
     left.erase(left.begin());
     for (size_t i = 0; i < part.size(); ++i) {
-      for (const Neighbour& neighbour : NeighboursOf(part[i])) {
-        if (left.erase(neighbour.submap) > 0) part.push_back(neighbour.submap);
+      for (const SubmapId neighbour : relations_.NeighbourNames(model_, part[i])) {
+        if (left.erase(neighbour) > 0) part.push_back(neighbour);
       }
     }
     model_.NamePart(part, name);
-    MarkStale(name, 2);
+    relations_.Rechain(model_, part);
+    MarkStale(part.front(), 2);
     Touch(part);
   }
 }
@@ -400,11 +368,16 @@ void MapAligner::Touch(const std::vector<SubmapId>& window) {
   }
 }
 
-void MapAligner::MarkStale(ComponentId component, int urgency) {
-  int& present = stale_[component];
+void MapAligner::MarkStale(SubmapId id, int urgency) {
+  const ComponentId component = model_.submap(id).component;
+  int& present = IsLarge(component) ? restless_[id] : stale_[component];
   present = std::max(present, urgency);
 }
 
 std::set<SubmapId> MapAligner::TakeTouched() { return std::exchange(touched_, {}); }
+
+std::map<SubmapId, std::set<TrackId>> MapAligner::TakeTouchedLandmarks() {
+  return std::exchange(touched_landmarks_, {});
+}
 
 }  // namespace portolan

@@ -4,14 +4,18 @@
 #define PORTOLAN_SERVER_ALIGNMENT_MAP_ALIGNER_H_
 
 #include <atomic>
+#include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "server/alignment/map_adjuster.h"
 #include "server/alignment/map_model.h"
 #include "server/alignment/relation_graph.h"
+#include "server/alignment/submap_relations.h"
 #include "server/verification/closure.h"
 #include "server/verification/pairwise_consistency.h"
 
@@ -25,10 +29,7 @@ struct MapAlignerOptions {
   PairwiseConsistencyOptions consistency;
   // Two components join by one closure with this many matches, or by two or more that agree.
   int min_matches_of_single_closure = 40;
-  // Standard deviations that closures are not believed beyond: their landmarks share errors.
-  double closure_translation_floor_of_depth = 0.01;
-  double closure_rotation_floor_rad = 0.01;
-  double closure_log_scale_floor = 0.02;
+  SubmapRelationsOptions relations;
   // An accepted closure is taken back if, after an adjustment of the whole component, less than
   // this share of its matches is seen consistently from both submaps.
   double min_surviving_matches = 0.3;
@@ -36,6 +37,20 @@ struct MapAlignerOptions {
   int window_predecessors = 2;
   int window_closures = 6;
   int local_iterations = 10;
+  // Components up to this size are solved as a whole: the graph at every closure, the bundle
+  // adjustment in the background. In larger ones the work at a submap is bounded: closures that
+  // agree with the map are accepted as they are, others solve the region they affect, a new submap
+  // is adjusted alone to the landmarks that are there, and the background adjusts regions. A
+  // background step on this many submaps takes about a second (how long a new submap may wait).
+  int full_component_submaps = 80;
+  // Submaps that the background moves at once in a larger component.
+  int region_submaps = 10;
+  // A closure that contradicts the map moves the submaps about its ends: so many at first, then
+  // four times as many while the strain reaches the rim, up to the second number.
+  int loop_region_submaps = 60;
+  int max_loop_region_submaps = 2000;
+  // Iterations of a new submap's adjustment to the landmarks that are there.
+  int placing_iterations = 6;
   // Closures that were not accepted are kept for this many later ones to agree with.
   int max_pending = 1000;
 
@@ -52,47 +67,50 @@ class MapAligner {
   // its accepted closures.
   void RestoreSubmap(const PlacedSubmap& placed);
   void RestoreLandmark(const ModelLandmark& known) { model_.RestoreLandmark(known); }
-  void RestoreClosure(const Closure& closure);
-  void RestoreWaitingClosure(const Closure& closure);
+  void RestoreClosure(std::shared_ptr<const Closure> closure);
+  void RestoreWaitingClosure(std::shared_ptr<const Closure> closure);
 
   // Links a refined submap to its predecessor, if that is there and sound, and places it.
   void AddSubmap(std::shared_ptr<const RefinedSubmap> refined);
   // Judges new closures (with those that wait): joins components, corrects drift, unites landmarks.
   void AddClosures(const std::vector<Closure>& closures);
-  // Bundle adjustment of the submap and its neighbours, the rest held.
+  // Bundle adjustment of the submap and its neighbours, the rest held; in a large component, of
+  // the submap alone.
   void AdjustAround(SubmapId id);
 
-  bool HasBackgroundWork() const { return !stale_.empty(); }
-  // Full adjustment of the component that waits longest, those with new closures first; then
-  // takes back closures that did not survive it. Interrupted, it keeps what it gained.
+  bool HasBackgroundWork() const { return !stale_.empty() || !restless_.empty(); }
+  // Full adjustment of the component that waits longest, those with new closures first, or, in a
+  // large component, of the region that does; then takes back closures that did not survive it.
+  // Interrupted, it keeps what it gained.
   void AdjustStaleComponent(const std::atomic<bool>& interrupt);
 
   const MapModel& model() const { return model_; }
-  const std::vector<Closure>& closures() const { return accepted_; }
-  const std::vector<Closure>& waiting_closures() const { return pending_; }
+  const ClosureList& closures() const { return relations_.closures(); }
+  const ClosureList& waiting_closures() const { return pending_; }
   const MapAdjustment& last_adjustment() const { return last_adjustment_; }
   // Submaps whose pose, component or landmarks changed since the last call.
   std::set<SubmapId> TakeTouched();
+  // Landmarks that changed since the last call, of submaps that otherwise did not; by the submap
+  // that owns them (the oldest sight's).
+  std::map<SubmapId, std::set<TrackId>> TakeTouchedLandmarks();
   // Of the right perturbation of world_from_submap, relative to the component's oldest submap: the
   // sum along the best chain of links and accepted closures.
-  Matrix7d Covariance(SubmapId id) const;
+  Matrix7d Covariance(SubmapId id) const { return relations_.Covariance(id); }
 
  private:
-  struct Neighbour {
-    SubmapId submap;
-    Similarity3 from_neighbour;  // this submap's frame from the neighbour's
-    Matrix7d covariance;         // of its right perturbation
-  };
-
   std::optional<SubmapRelation> LinkOf(const RefinedSubmap& refined) const;
-  std::vector<Neighbour> NeighboursOf(SubmapId id) const;
-  std::optional<UncertainSimilarity> Relative(SubmapId a, SubmapId b) const;
-  Matrix7d FlooredCovariance(const Closure& closure) const;
+  std::optional<UncertainSimilarity> Relative(SubmapId a, SubmapId b) const {
+    return relations_.Relative(model_, a, b);
+  }
+  bool IsLarge(ComponentId component) const {
+    return model_.SizeOf(component) > static_cast<size_t>(options_.full_component_submaps);
+  }
   bool JoinComponents();
   void Join(const std::vector<Closure>& agreeing);
   bool CloseLoops();
-  void Accept(const Closure& closure);
+  void Accept(std::shared_ptr<const Closure> closure);
   void UniteMatches(const Closure& closure);
+  void ErasePending(const std::function<bool(const Closure&)>& predicate);
   bool Survives(const Closure& closure) const;
   void DropFailedClosures(ComponentId component);
   void PartComponent(ComponentId component);
@@ -100,18 +118,45 @@ class MapAligner {
   void MakeMetric(ComponentId component);
   void TouchComponent(ComponentId component);
   void Touch(const std::vector<SubmapId>& window);
-  void MarkStale(ComponentId component, int urgency);
+  void MarkStale(SubmapId id, int urgency);
+
+  // For large components (map_aligner_regions.cc).
+  bool CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> candidates);
+  // Squared Mahalanobis distance of a closure from the map: by its own covariance, or with that of
+  // the chain between its ends too; no value if that chain is too long.
+  double Disagreement(const Closure& closure) const;
+  std::optional<double> DisagreementAlongChain(const Closure& closure) const;
+  bool SolveAround(const Closure& closure);
+  enum class RegionOutcome { kSolved, kTooSmall, kContradicts };
+  RegionOutcome SolveRegion(const Closure& closure, const std::vector<SubmapId>& region);
+  void MoveRegion(const std::vector<SubmapId>& region,
+                  const std::vector<Similarity3>& world_from_submap);
+  // Submaps about the seeds, nearest first.
+  std::vector<SubmapId> RegionAround(const std::vector<SubmapId>& seeds, size_t count) const;
+  void PlaceSubmap(SubmapId id);
+  void AdjustRegion(const std::atomic<bool>& interrupt);
+  void TakeBackFailed(const std::vector<SubmapId>& region);
+  void SeparateMatches(const Closure& closure);
+  void TouchLandmark(const LandmarkSight& sight);
+  void TouchLandmarksOf(SubmapId id);
 
   MapAlignerOptions options_;
   MapModel model_;
-  std::vector<Closure> accepted_;
-  std::vector<Closure> pending_;
-  // Ends of accepted closures by submap, as indices into accepted_.
-  std::map<SubmapId, std::vector<size_t>> closures_of_;
+  SubmapRelations relations_;
+  ClosureList pending_;
+  // Waiting closures inside of large components that were judged already.
+  std::set<const Closure*> judged_;
+  // Waiting closures of two components, one of them large, when they were last judged.
+  std::map<std::pair<ComponentId, ComponentId>, size_t> judged_group_sizes_;
   std::map<SubmapKey, SubmapId> id_of_key_;
   // Urgency by component: 2 after a closure, 1 after a new submap.
   std::map<ComponentId, int> stale_;
+  // Urgency by submap, in large components.
+  std::map<SubmapId, int> restless_;
+  // Size of a large component when its scale and vertical were last checked.
+  std::map<ComponentId, size_t> metric_checked_size_;
   std::set<SubmapId> touched_;
+  std::map<SubmapId, std::set<TrackId>> touched_landmarks_;
   MapAdjustment last_adjustment_;
 };
 

@@ -23,11 +23,24 @@ int MapModel::LandmarkIndex(const RefinedSubmap& refined, TrackId track) {
 }
 
 std::vector<SubmapId> MapModel::SubmapsOf(ComponentId component) const {
-  std::vector<SubmapId> ids;
-  for (const auto& [id, submap] : submaps_) {
-    if (submap.component == component) ids.push_back(id);
+  const auto members = members_.find(component);
+  if (members == members_.end()) return {};
+  return {members->second.begin(), members->second.end()};
+}
+
+size_t MapModel::SizeOf(ComponentId component) const {
+  const auto members = members_.find(component);
+  return members == members_.end() ? 0 : members->second.size();
+}
+
+void MapModel::SetComponent(SubmapId id, ComponentId component) {
+  ModelSubmap& submap = submaps_.at(id);
+  const auto members = members_.find(submap.component);
+  if (members != members_.end() && members->second.erase(id) > 0 && members->second.empty()) {
+    members_.erase(members);
   }
-  return ids;
+  submap.component = component;
+  members_[component].insert(id);
 }
 
 ModelSubmap& MapModel::Insert(std::shared_ptr<const RefinedSubmap> refined,
@@ -36,7 +49,7 @@ ModelSubmap& MapModel::Insert(std::shared_ptr<const RefinedSubmap> refined,
   const SubmapId id = refined->id;
   ModelSubmap& submap = submaps_[id];
   submap.refined = std::move(refined);
-  submap.component = ComponentId(id.value());
+  SetComponent(id, ComponentId(id.value()));
   submap.link = link;
   if (link) submaps_.at(link->a).successor = id;
   CollectSights(&submap);
@@ -75,7 +88,7 @@ void MapModel::Add(std::shared_ptr<const RefinedSubmap> refined,
   ModelSubmap& submap = Insert(std::move(refined), link);
   if (link) {
     const ModelSubmap& predecessor = submaps_.at(link->a);
-    submap.component = predecessor.component;
+    SetComponent(id, predecessor.component);
     submap.world_from_submap =
         Similarity3::FromRigid(predecessor.world_from_camera.back(),
                                predecessor.world_from_submap.scale * link->a_from_b.scale);
@@ -88,7 +101,7 @@ void MapModel::Add(std::shared_ptr<const RefinedSubmap> refined,
 
 void MapModel::Restore(const PlacedSubmap& placed, const std::optional<SubmapRelation>& link) {
   ModelSubmap& submap = Insert(placed.refined, link);
-  submap.component = placed.component;
+  SetComponent(placed.refined->id, placed.component);
   submap.world_from_submap = placed.world_from_submap;
   submap.world_from_camera = placed.world_from_camera;
   AttachLandmarks(placed.refined->id);
@@ -148,9 +161,9 @@ int MapModel::NewLandmark() {
 }
 
 void MapModel::MoveComponent(ComponentId from, ComponentId to, const Similarity3& to_from_from) {
-  for (auto& [id, submap] : submaps_) {
-    if (submap.component != from) continue;
-    submap.component = to;
+  for (const SubmapId id : SubmapsOf(from)) {
+    ModelSubmap& submap = submaps_.at(id);
+    SetComponent(id, to);
     submap.world_from_submap = to_from_from * submap.world_from_submap;
     for (Rigid3& camera : submap.world_from_camera) camera = to_from_from * camera;
     for (size_t i = 0; i < submap.landmarks.size(); ++i) {
@@ -183,7 +196,7 @@ void MapModel::MoveSubmap(SubmapId id, const Similarity3& world_from_submap) {
 }
 
 void MapModel::NamePart(const std::vector<SubmapId>& part, ComponentId name) {
-  for (const SubmapId id : part) submaps_.at(id).component = name;
+  for (const SubmapId id : part) SetComponent(id, name);
 }
 
 void MapModel::SeparateLandmarks(const std::vector<SubmapId>& submaps) {
@@ -207,6 +220,29 @@ void MapModel::SeparateLandmarks(const std::vector<SubmapId>& submaps) {
       ModelLandmark& landmark = landmarks_[submap.landmarks[i]];
       if (landmark.sights.front() == sight) landmark.point_in_world = positions.at(sight);
     }
+  }
+}
+
+void MapModel::SeparateLandmark(int index) {
+  const ModelLandmark whole = landmarks_[index];
+  landmarks_[index].sights.clear();
+  bool is_reused = false;
+  for (const LandmarkSight& sight : whole.sights) {
+    ModelSubmap& submap = submaps_.at(sight.submap);
+    int part = -1;
+    if (submap.link) {
+      const ModelSubmap& predecessor = submaps_.at(submap.link->a);
+      const int shared = LandmarkIndex(*predecessor.refined, sight.track);
+      if (shared >= 0) part = predecessor.landmarks[shared];
+    }
+    if (part < 0) {
+      part = is_reused ? NewLandmark() : index;
+      is_reused = true;
+      landmarks_[part].point_in_world = whole.point_in_world;
+    }
+    submap.landmarks[LandmarkIndex(*submap.refined, sight.track)] = part;
+    std::vector<LandmarkSight>& sights = landmarks_[part].sights;
+    sights.insert(std::lower_bound(sights.begin(), sights.end(), sight), sight);
   }
 }
 

@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "server/alignment/landmark_sight.h"
@@ -72,6 +73,7 @@ class MapModel {
   const std::vector<ModelLandmark>& landmarks() const { return landmarks_; }
   // Ascending.
   std::vector<SubmapId> SubmapsOf(ComponentId component) const;
+  size_t SizeOf(ComponentId component) const;
 
   // Adds a submap: behind its predecessor if there is a link, else as a component of its own.
   void Add(std::shared_ptr<const RefinedSubmap> refined, const std::optional<SubmapRelation>& link);
@@ -88,6 +90,8 @@ class MapModel {
   // Splits a component: `part` leaves with a name of its own. No landmark may span both; call
   // SeparateLandmarks first.
   void NamePart(const std::vector<SubmapId>& part, ComponentId name);
+  // Undoes the unions of one landmark but those of linked neighbours; its sights keep the position.
+  void SeparateLandmark(int index);
   // Undoes all unions among these submaps but those of linked neighbours.
   void SeparateLandmarks(const std::vector<SubmapId>& submaps);
 
@@ -119,9 +123,11 @@ class MapModel {
   bool Conflict(const ModelLandmark& a, const ModelLandmark& b) const;
   void Unite(int into, int from);
   int NewLandmark();
+  void SetComponent(SubmapId id, ComponentId component);
 
   MapModelOptions options_;
   std::map<SubmapId, ModelSubmap> submaps_;
+  std::map<ComponentId, std::set<SubmapId>> members_;
   std::vector<ModelLandmark> landmarks_;
   std::vector<int> free_landmarks_;
 };

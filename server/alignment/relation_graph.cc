@@ -107,6 +107,7 @@ class Solver {
   void Minimize() {
     double lambda = 1e-6;
     double cost = Cost();
+    is_analyzed_ = false;
     for (int i = 0; i < options_.max_iterations; ++i) {
       Linearize();
       bool improved = false;
@@ -145,8 +146,9 @@ class Solver {
       if (row_b >= 0) gradient_.segment<7>(row_b) += d_b.transpose() * information * error;
       AddBlock(row_a, row_a, d_a.transpose() * information * d_a);
       AddBlock(row_b, row_b, d_b.transpose() * information * d_b);
-      AddBlock(row_a, row_b, d_a.transpose() * information * d_b);
-      AddBlock(row_b, row_a, d_b.transpose() * information * d_a);
+      // The factorisation reads the lower triangle only.
+      if (row_a > row_b) AddBlock(row_a, row_b, d_a.transpose() * information * d_b);
+      if (row_b > row_a) AddBlock(row_b, row_a, d_b.transpose() * information * d_a);
     }
   }
 
@@ -161,9 +163,11 @@ class Solver {
     Eigen::SparseMatrix<double> system(rows_, rows_);
     system.setFromTriplets(triplets_.begin(), triplets_.end());
     for (int i = 0; i < rows_; ++i) system.coeffRef(i, i) *= 1 + lambda;
-    const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(system);
-    if (factor.info() != Eigen::Success) return false;
-    const Eigen::VectorXd step = factor.solve(-gradient_);
+    if (!is_analyzed_) factor_.analyzePattern(system);
+    is_analyzed_ = true;
+    factor_.factorize(system);
+    if (factor_.info() != Eigen::Success) return false;
+    const Eigen::VectorXd step = factor_.solve(-gradient_);
     if (!step.allFinite()) return false;
     for (size_t i = 0; i < rows_of_.size(); ++i) {
       if (rows_of_[i] < 0) continue;
@@ -180,6 +184,9 @@ class Solver {
   int rows_ = 0;
   std::vector<Eigen::Triplet<double>> triplets_;
   Eigen::VectorXd gradient_;
+  // The weights, and so the pattern, are constant within one minimisation.
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor_;
+  bool is_analyzed_ = false;
 };
 
 }  // namespace

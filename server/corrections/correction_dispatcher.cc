@@ -38,6 +38,7 @@ void CorrectionDispatcher::Connect(const Key& session, uint64_t received_map_ver
     if (!entry.planner) entry.planner = std::make_unique<CorrectionPlanner>(options_);
     entry.sink = std::move(sink);
     entry.resumes = true;
+    entry.is_dirty = true;
     entry.received_map_version = received_map_version;
     entry.flushes.clear();
   }
@@ -77,30 +78,62 @@ void CorrectionDispatcher::Run() {
       if (signal_->stop) return;
       signal_->raised = false;
     }
-    some_wait = ServeAll(*hub_->Get());
+    some_wait = ServeAll(hub_->Get());
   }
 }
 
-bool CorrectionDispatcher::ServeAll(const MapSnapshot& snapshot) {
-  StatesBySession states;
-  for (const auto& state : snapshot.submaps) {
-    // A quarantined submap lies in no agent's world.
-    if (!state->refined->quarantine_reason.empty()) continue;
-    const SubmapKey& key = state->refined->raw->key;
-    states[{key.agent, key.session}].push_back(state);
+std::set<CorrectionDispatcher::Key> CorrectionDispatcher::Follow(
+    std::shared_ptr<const MapSnapshot> snapshot) {
+  std::set<Key> changed;
+  if (followed_ == snapshot) return changed;
+  const auto& states = snapshot->submaps;
+  const size_t known = followed_ ? followed_->submaps.size() : 0;
+  const bool grows =
+      states.size() >= known &&
+      (known == 0 || states[known - 1]->refined->id == followed_->submaps[known - 1]->refined->id);
+  if (!grows) {
+    for (const auto& [key, old] : states_) changed.insert(key);
+    states_.clear();
+    places_.clear();
   }
+  for (size_t i = 0; i < states.size(); ++i) {
+    if (i < places_.size()) {
+      if (states[i] == followed_->submaps[i]) continue;
+      const Place& place = places_[i];
+      if (place.states == nullptr) continue;
+      (*place.states)[place.position] = states[i];
+      changed.insert(*place.session);
+      continue;
+    }
+    places_.emplace_back();
+    // A quarantined submap lies in no agent's world.
+    if (!states[i]->refined->quarantine_reason.empty()) continue;
+    const SubmapKey& key = states[i]->refined->raw->key;
+    const auto entry = states_.try_emplace({key.agent, key.session}).first;
+    places_.back() = {&entry->second, entry->second.size(), &entry->first};
+    entry->second.push_back(states[i]);
+    changed.insert(entry->first);
+  }
+  followed_ = std::move(snapshot);
+  return changed;
+}
+
+bool CorrectionDispatcher::ServeAll(std::shared_ptr<const MapSnapshot> snapshot) {
+  const std::set<Key> changed = Follow(snapshot);
   bool some_wait = false;
   std::vector<Delivery> deliveries;
   {
     const std::lock_guard lock(mutex_);
     for (auto& [key, session] : sessions_) {
-      deliveries.push_back(Plan(&session, states[key], snapshot));
+      session.is_dirty = session.is_dirty || changed.contains(key);
+      if (!session.is_dirty && session.flushes.empty()) continue;
+      deliveries.push_back(Plan(&session, states_[key], *snapshot));
       some_wait |= session.planner && session.planner->has_deferred();
     }
   }
   for (const Delivery& delivery : deliveries) {
     if (delivery.correction) delivery.sink->Send(*delivery.correction);
-    for (const auto& done : delivery.flushes) done(snapshot.version);
+    for (const auto& done : delivery.flushes) done(snapshot->version);
   }
   return some_wait;
 }
@@ -117,6 +150,7 @@ CorrectionDispatcher::Delivery CorrectionDispatcher::Plan(Session* session,
   }
   const auto now = std::chrono::steady_clock::now().time_since_epoch();
   delivery.correction = session->planner->Next(states, snapshot, now, !session->flushes.empty());
+  session->is_dirty = session->planner->has_deferred();
   delivery.flushes = std::exchange(session->flushes, {});
   return delivery;
 }

@@ -8,6 +8,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -52,10 +53,17 @@ class CorrectionDispatcher {
     std::unique_ptr<CorrectionPlanner> planner;
     std::weak_ptr<CorrectionSink> sink;
     bool resumes = false;
+    // Something changed since its agent was last told all.
+    bool is_dirty = true;
     uint64_t received_map_version = 0;
     std::vector<std::function<void(uint64_t)>> flushes;
   };
-  using StatesBySession = std::map<Key, CorrectionPlanner::States>;
+  // Where a submap stands among the states of its session; no session: in no agent's world.
+  struct Place {
+    CorrectionPlanner::States* states = nullptr;
+    size_t position = 0;
+    const Key* session = nullptr;
+  };
 
   // What one round sends, once the lock is released.
   struct Delivery {
@@ -66,7 +74,10 @@ class CorrectionDispatcher {
 
   void Run();
   // One round over all sessions; true if some wait for their budget.
-  bool ServeAll(const MapSnapshot& snapshot);
+  bool ServeAll(std::shared_ptr<const MapSnapshot> snapshot);
+  // Brings states_ to this version; returns the sessions that changed. What did not change costs
+  // the comparison of a pointer.
+  std::set<Key> Follow(std::shared_ptr<const MapSnapshot> snapshot);
   Delivery Plan(Session* session, const CorrectionPlanner::States& states,
                 const MapSnapshot& snapshot);
 
@@ -82,6 +93,11 @@ class CorrectionDispatcher {
     bool stop = false;
   };
   const std::shared_ptr<Signal> signal_ = std::make_shared<Signal>();
+
+  // Used by the thread only: the version that states_ shows, and for each of its submaps the place.
+  std::shared_ptr<const MapSnapshot> followed_;
+  std::map<Key, CorrectionPlanner::States> states_;
+  std::vector<Place> places_;
 
   std::mutex mutex_;
   std::map<Key, Session> sessions_;  // guarded by mutex_

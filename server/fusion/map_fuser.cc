@@ -32,6 +32,44 @@ void AddInformation(const CameraReference& camera, const PointReference& point,
   *information += d_point.transpose() * d_point;
 }
 
+// The previous list if it is the same still; elements are compared by address.
+std::shared_ptr<const ClosureList> Shared(const std::shared_ptr<const ClosureList>& previous,
+                                          const ClosureList& now) {
+  if (previous != nullptr && *previous == now) return previous;
+  return std::make_shared<const ClosureList>(now);
+}
+
+void AddToComponent(const SubmapState& state, ComponentState* component) {
+  component->id = state.component;
+  if (!state.refined->quarantine_reason.empty()) return;
+  const Submap& raw = *state.refined->raw;
+  component->metric = component->metric || raw.metric;
+  component->gravity_aligned = component->gravity_aligned || raw.gravity_in_submap.has_value();
+}
+
+// Those of the version before and, as long as nobody changed sides, of the new submaps.
+std::vector<ComponentState> Components(
+    const MapSnapshot& previous, const std::vector<std::shared_ptr<const SubmapState>>& states) {
+  std::map<ComponentId, ComponentState> components;
+  for (const ComponentState& component : previous.components) components[component.id] = component;
+  bool some_changed = previous.submaps.size() > states.size();
+  for (size_t i = 0; i < states.size() && !some_changed; ++i) {
+    if (i >= previous.submaps.size()) {
+      AddToComponent(*states[i], &components[states[i]->component]);
+    } else if (states[i] != previous.submaps[i]) {
+      some_changed = states[i]->component != previous.submaps[i]->component ||
+                     states[i]->refined != previous.submaps[i]->refined;
+    }
+  }
+  if (some_changed) {
+    components.clear();
+    for (const auto& state : states) AddToComponent(*state, &components[state->component]);
+  }
+  std::vector<ComponentState> result;
+  for (const auto& [id, component] : components) result.push_back(component);
+  return result;
+}
+
 double RotationAngle(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
   return a.angularDistance(b);
 }
@@ -57,11 +95,13 @@ void RestoreMap(const MapSnapshot& snapshot, MapAligner* aligner) {
     }
   }
   if (snapshot.closures != nullptr) {
-    for (const Closure& closure : *snapshot.closures) aligner->RestoreClosure(closure);
+    for (size_t i = 0; i < snapshot.closures->size(); ++i) {
+      aligner->RestoreClosure(snapshot.closures->shared(i));
+    }
   }
   if (snapshot.waiting_closures != nullptr) {
-    for (const Closure& closure : *snapshot.waiting_closures) {
-      aligner->RestoreWaitingClosure(closure);
+    for (size_t i = 0; i < snapshot.waiting_closures->size(); ++i) {
+      aligner->RestoreWaitingClosure(snapshot.waiting_closures->shared(i));
     }
   }
 }
@@ -142,33 +182,72 @@ std::shared_ptr<const SubmapState> MapFuser::FuseSubmap(const MapAligner& aligne
   return state;
 }
 
+std::shared_ptr<const SubmapState> MapFuser::FuseSomeLandmarks(
+    const MapModel& model, SubmapId id, const SubmapState& previous,
+    const std::set<TrackId>& tracks) const {
+  const ModelSubmap& submap = model.submap(id);
+  auto state = std::make_shared<SubmapState>(previous);
+  std::vector<FusedLandmark>& landmarks = state->landmarks;
+  for (const TrackId track : tracks) {
+    const int index = MapModel::LandmarkIndex(*submap.refined, track);
+    if (index < 0) continue;
+    const LandmarkSight sight{id, track};
+    std::optional<FusedLandmark> fused;
+    if (model.landmarks()[submap.landmarks[index]].sights.front() == sight) {
+      fused = FuseLandmark(model, submap.landmarks[index]);
+    }
+    const LandmarkId name = LandmarkIdOf(sight);
+    auto place = std::lower_bound(
+        landmarks.begin(), landmarks.end(), name,
+        [](const FusedLandmark& landmark, LandmarkId other) { return landmark.id < other; });
+    const bool known = place != landmarks.end() && place->id == name;
+    if (known && fused) {
+      *place = *std::move(fused);
+    } else if (known) {
+      landmarks.erase(place);
+    } else if (fused) {
+      landmarks.insert(place, *std::move(fused));
+    }
+  }
+  return state;
+}
+
 std::shared_ptr<const MapSnapshot> MapFuser::Fuse(const MapSnapshot& previous,
                                                   MapAligner* aligner) const {
-  const std::set<SubmapId> touched = aligner->TakeTouched();
+  const MapModel& model = aligner->model();
+  std::set<SubmapId> touched = aligner->TakeTouched();
   auto snapshot = std::make_shared<MapSnapshot>();
   snapshot->version = previous.version + 1;
-  snapshot->closures = std::make_shared<const std::vector<Closure>>(aligner->closures());
-  snapshot->waiting_closures =
-      std::make_shared<const std::vector<Closure>>(aligner->waiting_closures());
-  std::map<ComponentId, ComponentState> components;
-  auto old = previous.submaps.begin();
-  for (const auto& [id, submap] : aligner->model().submaps()) {
-    const bool known = old != previous.submaps.end() && (*old)->refined->id == id;
-    if (known && !touched.contains(id)) {
-      snapshot->submaps.push_back(*old);
-    } else {
-      snapshot->submaps.push_back(
-          FuseSubmap(*aligner, id, known ? old->get() : nullptr, snapshot->version));
+  snapshot->submaps = previous.submaps;
+  snapshot->closures = Shared(previous.closures, aligner->closures());
+  snapshot->waiting_closures = Shared(previous.waiting_closures, aligner->waiting_closures());
+  auto& states = snapshot->submaps;
+  const auto place_of = [&](SubmapId id) {
+    return std::lower_bound(
+        states.begin(), states.end(), id,
+        [](const auto& state, SubmapId other) { return state->refined->id < other; });
+  };
+  if (states.size() != model.submaps().size()) {
+    for (auto it = model.submaps().rbegin(); it != model.submaps().rend(); ++it) {
+      const auto place = place_of(it->first);
+      if (place != states.end() && (*place)->refined->id == it->first) {
+        if (states.size() == model.submaps().size()) break;
+        continue;
+      }
+      states.insert(place, FuseSubmap(*aligner, it->first, nullptr, snapshot->version));
+      touched.erase(it->first);
     }
-    if (known) ++old;
-    ComponentState& component = components[submap.component];
-    component.id = submap.component;
-    if (submap.quarantined()) continue;
-    const Submap& raw = *submap.refined->raw;
-    component.metric = component.metric || raw.metric;
-    component.gravity_aligned = component.gravity_aligned || raw.gravity_in_submap.has_value();
   }
-  for (const auto& [id, component] : components) snapshot->components.push_back(component);
+  for (const SubmapId id : touched) {
+    auto& state = *place_of(id);
+    state = FuseSubmap(*aligner, id, state.get(), snapshot->version);
+  }
+  for (const auto& [id, tracks] : aligner->TakeTouchedLandmarks()) {
+    if (touched.contains(id)) continue;
+    auto& state = *place_of(id);
+    state = FuseSomeLandmarks(model, id, *state, tracks);
+  }
+  snapshot->components = Components(previous, states);
   return snapshot;
 }
 

@@ -4,6 +4,7 @@
 
 #include <memory>
 #include <optional>
+#include <set>
 
 #include "server/alignment/map_aligner.h"
 #include "server/fusion/map_state.h"
@@ -31,7 +32,8 @@ class MapFuser {
  public:
   explicit MapFuser(const MapFuserOptions& options) : options_(options) {}
 
-  // The next version: submaps that the aligner touched are new, all others shared with `previous`.
+  // The next version: submaps that the aligner touched are new, all others shared with `previous`;
+  // costs what changed, and a pointer a submap.
   // Landmark covariances are conditional on the cameras (the inverse of the point's block of the
   // adjusted system): right for a landmark seen from a known camera, too small by the cameras' own
   // uncertainty in the world.
@@ -44,6 +46,10 @@ class MapFuser {
   std::shared_ptr<const SubmapState> FuseSubmap(const MapAligner& aligner, SubmapId id,
                                                 const SubmapState* previous,
                                                 uint64_t version) const;
+  // The state with some of its landmarks anew.
+  std::shared_ptr<const SubmapState> FuseSomeLandmarks(const MapModel& model, SubmapId id,
+                                                       const SubmapState& previous,
+                                                       const std::set<TrackId>& tracks) const;
 
   MapFuserOptions options_;
 };

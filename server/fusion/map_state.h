@@ -10,6 +10,7 @@
 #include <memory>
 #include <vector>
 
+#include "server/alignment/closure_list.h"
 #include "server/alignment/landmark_sight.h"
 #include "server/refinement/refined_submap.h"
 #include "server/verification/closure.h"
@@ -58,10 +59,10 @@ struct MapSnapshot {
   std::vector<std::shared_ptr<const SubmapState>> submaps;
   std::vector<ComponentState> components;
   // Accepted closures only.
-  std::shared_ptr<const std::vector<Closure>> closures;
+  std::shared_ptr<const ClosureList> closures;
   // Verified, but waiting for others that agree. A map that is continued without them loses only
   // what they might have led to.
-  std::shared_ptr<const std::vector<Closure>> waiting_closures;
+  std::shared_ptr<const ClosureList> waiting_closures;
 };
 
 }  // namespace portolan

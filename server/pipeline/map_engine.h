@@ -9,12 +9,15 @@
 
 namespace portolan {
 
-// Thread-compatible: the map thread alone calls it. The meaning of each call is MapBuilder's.
+// Thread-compatible: the map thread alone calls it, except for Refine. The meaning of each call is
+// MapBuilder's.
 class MapEngine {
  public:
   virtual ~MapEngine() = default;
 
   virtual void Restore(std::shared_ptr<const MapSnapshot> snapshot) = 0;
+  // Thread-safe. Null: IntegrateSubmap does it.
+  virtual std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput&) const { return nullptr; }
   virtual void IntegrateSubmap(const SubmapInput& input) = 0;
   virtual bool HasBackgroundWork() const = 0;
   virtual void RunBackgroundWork(const std::atomic<bool>& interrupt) = 0;

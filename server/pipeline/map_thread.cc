@@ -1,6 +1,6 @@
 #include "server/pipeline/map_thread.h"
 
-#include <iterator>
+#include <algorithm>
 #include <utility>
 
 #include "common/base/logging.h"
@@ -29,8 +29,11 @@ void MapThread::Start(std::vector<SubmapInput> backlog) {
   published_ = saved_ = engine_->snapshot();
   hub_->Publish(published_);
   pushed_count_ = backlog.size();
-  queue_.assign(std::make_move_iterator(backlog.begin()), std::make_move_iterator(backlog.end()));
+  for (SubmapInput& input : backlog) {
+    queue_.push_back(std::make_shared<Entry>(Entry{std::move(input)}));
+  }
   thread_ = std::thread([this] { Run(); });
+  refining_thread_ = std::thread([this] { RunRefinements(); });
 }
 
 void MapThread::Push(std::vector<SubmapInput> submaps) {
@@ -39,10 +42,11 @@ void MapThread::Push(std::vector<SubmapInput> submaps) {
     has_room_.wait(
         lock, [&] { return stop_ || queue_.size() < static_cast<size_t>(options_.max_queue); });
     if (stop_) return;
-    queue_.push_back(std::move(submap));
+    queue_.push_back(std::make_shared<Entry>(Entry{std::move(submap)}));
     ++pushed_count_;
     if (!options_.lockstep) interrupt_ = true;
     wake_.notify_one();
+    has_entry_.notify_one();
   }
 }
 
@@ -60,19 +64,22 @@ void MapThread::Shutdown() {
     interrupt_ = true;
     wake_.notify_one();
     has_room_.notify_all();
+    has_entry_.notify_all();
+    is_refined_.notify_all();
   }
   if (thread_.joinable()) thread_.join();
+  if (refining_thread_.joinable()) refining_thread_.join();
 }
 
 void MapThread::Run() {
   std::unique_lock lock(mutex_);
   while (!stop_) {
     if (!queue_.empty()) {
-      const SubmapInput input = std::move(queue_.front());
-      queue_.pop_front();
+      const std::shared_ptr<Entry> entry = TakeFront(&lock);
+      if (!entry) break;
       has_room_.notify_one();
       lock.unlock();
-      Integrate(input);
+      Integrate(entry->input);
       lock.lock();
       ++integrated_count_;
       continue;
@@ -93,6 +100,41 @@ void MapThread::Run() {
   lock.unlock();
   Publish();
   Save();
+}
+
+std::shared_ptr<MapThread::Entry> MapThread::NextToRefine() const {
+  // No farther ahead than memory allows: a refined submap is twice as large.
+  const size_t end = std::min<size_t>(queue_.size(), 8);
+  for (size_t i = 0; i < end; ++i) {
+    if (!queue_[i]->is_refining && !queue_[i]->is_refined) return queue_[i];
+  }
+  return nullptr;
+}
+
+void MapThread::RunRefinements() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    std::shared_ptr<Entry> entry;
+    has_entry_.wait(lock, [&] { return stop_ || (entry = NextToRefine()) != nullptr; });
+    if (stop_) return;
+    entry->is_refining = true;
+    lock.unlock();
+    std::shared_ptr<const RefinedSubmap> refined = engine_->Refine(entry->input);
+    lock.lock();
+    entry->input.refined = std::move(refined);
+    entry->is_refining = false;
+    entry->is_refined = true;
+    is_refined_.notify_one();
+  }
+}
+
+std::shared_ptr<MapThread::Entry> MapThread::TakeFront(std::unique_lock<std::mutex>* lock) {
+  std::shared_ptr<Entry> entry = queue_.front();
+  is_refined_.wait(*lock, [&] { return stop_ || !entry->is_refining; });
+  if (stop_) return nullptr;
+  queue_.pop_front();
+  has_entry_.notify_one();
+  return entry;
 }
 
 void MapThread::Integrate(const SubmapInput& input) {

@@ -1,5 +1,5 @@
 // The thread that owns the map: integrates committed submaps, does background work when idle,
-// publishes and saves each version.
+// publishes and saves each version. A second thread refines submaps that wait in the queue.
 #ifndef PORTOLAN_SERVER_PIPELINE_MAP_THREAD_H_
 #define PORTOLAN_SERVER_PIPELINE_MAP_THREAD_H_
 
@@ -69,7 +69,19 @@ class MapThread {
     std::function<void(uint64_t)> done;
   };
 
+  // A submap in the queue.
+  struct Entry {
+    SubmapInput input;
+    bool is_refining = false;
+    bool is_refined = false;
+  };
+
   void Run();
+  // Refines what waits in the queue, the oldest first.
+  void RunRefinements();
+  std::shared_ptr<Entry> NextToRefine() const;
+  // Takes the oldest submap, refined unless nobody began to; null if stopped meanwhile.
+  std::shared_ptr<Entry> TakeFront(std::unique_lock<std::mutex>* lock);
   void Integrate(const SubmapInput& input);
   void FinishBackgroundWork();
   // Publishes the engine's snapshot if it is new.
@@ -93,8 +105,10 @@ class MapThread {
   mutable std::mutex mutex_;
   std::condition_variable wake_;
   std::condition_variable has_room_;
+  std::condition_variable has_entry_;  // for the refining thread
+  std::condition_variable is_refined_;
   // Guarded by mutex_.
-  std::deque<SubmapInput> queue_;
+  std::deque<std::shared_ptr<Entry>> queue_;
   std::vector<Waiter> waiters_;
   StageTimes stage_times_;
   Status save_status_;
@@ -103,6 +117,7 @@ class MapThread {
   bool stop_ = false;
 
   std::thread thread_;
+  std::thread refining_thread_;
 };
 
 }  // namespace portolan

@@ -7,7 +7,7 @@ namespace portolan {
 
 SnapshotHub::SnapshotHub() {
   auto empty = std::make_shared<MapSnapshot>();
-  empty->closures = std::make_shared<const std::vector<Closure>>();
+  empty->closures = std::make_shared<const ClosureList>();
   snapshot_ = std::move(empty);
 }
 

@@ -40,6 +40,7 @@ std::shared_ptr<const LandmarkIndex::Block> LandmarkIndex::MakeBlock(
     largest = std::max(largest, landmark.point_in_world.cwiseAbs().maxCoeff());
   }
   block->rounding = static_cast<float>(largest * 1.2e-7);
+  block->component = state->component;
   block->state = std::move(state);
   return block;
 }
@@ -47,18 +48,24 @@ std::shared_ptr<const LandmarkIndex::Block> LandmarkIndex::MakeBlock(
 std::shared_ptr<const LandmarkIndex> LandmarkIndex::Build(
     std::shared_ptr<const MapSnapshot> snapshot, const LandmarkIndex* previous) {
   auto index = std::make_shared<LandmarkIndex>();
-  for (const auto& state : snapshot->submaps) {
-    if (state->landmarks.empty()) continue;
-    std::shared_ptr<const Block> block;
-    if (previous) {
-      const auto known = previous->block_of_state_.find(state.get());
-      if (known != previous->block_of_state_.end()) block = known->second;
+  index->blocks_.resize(snapshot->submaps.size());
+  ComponentBlocks* component = nullptr;
+  ComponentId component_id;
+  for (size_t i = 0; i < snapshot->submaps.size(); ++i) {
+    const std::shared_ptr<const SubmapState>& state = snapshot->submaps[i];
+    std::shared_ptr<const Block>& block = index->blocks_[i];
+    if (previous && i < previous->blocks_.size() && previous->snapshot_->submaps[i] == state) {
+      block = previous->blocks_[i];
+    } else if (!state->landmarks.empty()) {
+      block = MakeBlock(state);
     }
-    if (!block) block = MakeBlock(state);
-    ComponentBlocks& component = index->components_[state->component];
-    component.blocks.push_back({block->bounds, block.get()});
-    component.landmark_count += state->landmarks.size();
-    index->block_of_state_.emplace(state.get(), std::move(block));
+    if (!block) continue;
+    if (component == nullptr || component_id != block->component) {
+      component_id = block->component;
+      component = &index->components_[component_id];
+    }
+    component->blocks.push_back({block->bounds, block.get()});
+    component->landmark_count += block->points.size();
   }
   index->snapshot_ = std::move(snapshot);
   return index;

@@ -5,7 +5,6 @@
 #include <map>
 #include <memory>
 #include <mutex>
-#include <unordered_map>
 #include <vector>
 
 #include "server/fusion/map_state.h"
@@ -45,6 +44,7 @@ class LandmarkIndex {
   // The landmarks of one submap.
   struct Block {
     std::shared_ptr<const SubmapState> state;
+    ComponentId component;
     Eigen::AlignedBox3d bounds;
     // Parallel to state->landmarks. Rounded to float for the scan; what passes it with a margin
     // for the rounding is decided by the exact position.
@@ -67,7 +67,8 @@ class LandmarkIndex {
 
   std::shared_ptr<const MapSnapshot> snapshot_;
   std::map<ComponentId, ComponentBlocks> components_;
-  std::unordered_map<const SubmapState*, std::shared_ptr<const Block>> block_of_state_;
+  // Parallel to the snapshot's submaps; null for those without landmarks.
+  std::vector<std::shared_ptr<const Block>> blocks_;
 };
 
 // The index of the newest version, made when it is asked for. Thread-safe.

@@ -40,7 +40,7 @@ PoseGraph MakeGraph(std::shared_ptr<const MapSnapshot> snapshot, int64_t compone
       graph.links.emplace_back(found->second, state.get());
     }
   }
-  static const std::vector<Closure> kNone;
+  static const ClosureList kNone;
   for (const Closure& closure : snapshot->closures ? *snapshot->closures : kNone) {
     if (by_id.contains(closure.a) && by_id.contains(closure.b)) graph.closures.push_back(&closure);
   }

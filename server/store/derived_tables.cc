@@ -10,6 +10,9 @@
 namespace portolan {
 namespace {
 
+// The waiting closures are numbered from here, so that a new accepted one moves none of them.
+constexpr int64_t kFirstWaitingPosition = int64_t{1} << 40;
+
 using SubmapsById = std::unordered_map<int64_t, const StoredSubmap*>;
 
 Status WriteRefined(SqliteStatement& insert, const EncodedState& encoded) {
@@ -94,8 +97,8 @@ Status ReadStates(SqliteDatabase& database, const SubmapsById& submaps, MapSnaps
 }
 
 Status ReadClosures(SqliteDatabase& database, MapSnapshot* snapshot) {
-  auto accepted = std::make_shared<std::vector<Closure>>();
-  auto waiting = std::make_shared<std::vector<Closure>>();
+  auto accepted = std::make_shared<ClosureList>();
+  auto waiting = std::make_shared<ClosureList>();
   PORTOLAN_ASSIGN_OR_RETURN(
       SqliteStatement rows,
       SqliteStatement::Prepare(
@@ -104,10 +107,11 @@ Status ReadClosures(SqliteDatabase& database, MapSnapshot* snapshot) {
   while (true) {
     PORTOLAN_ASSIGN_OR_RETURN(const bool has_row, rows.Step());
     if (!has_row) break;
-    Closure& closure = (rows.ColumnInteger(0) != 0 ? accepted : waiting)->emplace_back();
+    Closure closure;
     closure.a = SubmapId(rows.ColumnInteger(1));
     closure.b = SubmapId(rows.ColumnInteger(2));
     PORTOLAN_RETURN_IF_ERROR(DecodeClosure(rows.ColumnBytes(3), &closure));
+    (rows.ColumnInteger(0) != 0 ? accepted : waiting)->push_back(std::move(closure));
   }
   snapshot->closures = std::move(accepted);
   snapshot->waiting_closures = std::move(waiting);
@@ -147,16 +151,16 @@ std::vector<EncodedState> EncodeChangedStates(const MapSnapshot& snapshot,
   return changed;
 }
 
-std::vector<EncodedClosure> EncodeClosures(const MapSnapshot& snapshot) {
+std::vector<EncodedClosure> EncodeChangedClosures(const MapSnapshot& snapshot,
+                                                  const SavedClosures& saved) {
   std::vector<EncodedClosure> encoded;
   for (const bool accepted : {true, false}) {
     const auto& closures = accepted ? snapshot.closures : snapshot.waiting_closures;
+    const ClosureList& before = accepted ? saved.accepted : saved.waiting;
     if (!closures) continue;
-    for (const Closure& closure : *closures) {
-      std::string estimate = EncodeClosure(closure);
-      const uint64_t hash = HashBytes(
-          absl::StrCat(accepted, " ", closure.a.value(), " ", closure.b.value(), " ", estimate));
-      encoded.push_back({accepted, closure.a, closure.b, std::move(estimate), hash});
+    for (size_t i = 0; i < closures->size(); ++i) {
+      if (i < before.size() && before.shared(i) == closures->shared(i)) continue;
+      encoded.push_back({accepted, i, closures->shared(i), EncodeClosure((*closures)[i])});
     }
   }
   return encoded;
@@ -200,24 +204,26 @@ Status DeleteStates(SqliteDatabase& database, const std::vector<SubmapId>& subma
 }
 
 Status WriteClosures(SqliteDatabase& database, const std::vector<EncodedClosure>& closures,
-                     const std::vector<uint64_t>& saved_hashes) {
+                     const MapSnapshot& snapshot) {
   PORTOLAN_ASSIGN_OR_RETURN(
       SqliteStatement insert,
       SqliteStatement::Prepare(database, "REPLACE INTO closure VALUES (?, ?, ?, ?, ?)"));
-  for (size_t i = 0; i < closures.size(); ++i) {
-    if (i < saved_hashes.size() && saved_hashes[i] == closures[i].hash) continue;
-    insert.BindInteger(1, static_cast<int64_t>(i));
-    insert.BindInteger(2, closures[i].accepted);
-    insert.BindInteger(3, closures[i].a.value());
-    insert.BindInteger(4, closures[i].b.value());
-    insert.BindBlob(5, closures[i].estimate);
+  for (const EncodedClosure& encoded : closures) {
+    const int64_t first = encoded.accepted ? 0 : kFirstWaitingPosition;
+    insert.BindInteger(1, first + static_cast<int64_t>(encoded.position));
+    insert.BindInteger(2, encoded.accepted);
+    insert.BindInteger(3, encoded.closure->a.value());
+    insert.BindInteger(4, encoded.closure->b.value());
+    insert.BindBlob(5, encoded.estimate);
     PORTOLAN_RETURN_IF_ERROR(insert.Run());
   }
-  PORTOLAN_ASSIGN_OR_RETURN(
-      SqliteStatement remove,
-      SqliteStatement::Prepare(database, "DELETE FROM closure WHERE position >= ?"));
-  remove.BindInteger(1, static_cast<int64_t>(closures.size()));
-  return remove.Run();
+  const auto size_of = [](const std::shared_ptr<const ClosureList>& list) {
+    return list ? static_cast<int64_t>(list->size()) : 0;
+  };
+  return database.Execute(absl::StrCat("DELETE FROM closure WHERE position >= ",
+                                       kFirstWaitingPosition + size_of(snapshot.waiting_closures),
+                                       " OR (position >= ", size_of(snapshot.closures),
+                                       " AND position < ", kFirstWaitingPosition, ")"));
 }
 
 Status WriteComponents(SqliteDatabase& database, const MapSnapshot& snapshot) {

@@ -24,24 +24,30 @@ struct EncodedState {
 
 struct EncodedClosure {
   bool accepted = false;
-  SubmapId a;
-  SubmapId b;
+  size_t position = 0;  // in its list
+  std::shared_ptr<const Closure> closure;
   std::string estimate;
-  uint64_t hash = 0;
+};
+
+// What the tables hold.
+struct SavedClosures {
+  ClosureList accepted;
+  ClosureList waiting;
 };
 
 // The states of `snapshot` that differ, by identity, from those in `saved`.
 std::vector<EncodedState> EncodeChangedStates(const MapSnapshot& snapshot,
                                               const SubmapStates& saved);
-// The accepted closures, then the waiting ones.
-std::vector<EncodedClosure> EncodeClosures(const MapSnapshot& snapshot);
+// The closures that differ, by identity, from the saved ones at the same position.
+std::vector<EncodedClosure> EncodeChangedClosures(const MapSnapshot& snapshot,
+                                                  const SavedClosures& saved);
 
 Status WriteStates(SqliteDatabase& database, const std::vector<EncodedState>& states);
 // Deletes the rows of submaps that left the map.
 Status DeleteStates(SqliteDatabase& database, const std::vector<SubmapId>& submaps);
-// Writes the closures whose hash differs from the saved one at the same position.
+// Writes the changed closures and deletes those behind the ends of the snapshot's lists.
 Status WriteClosures(SqliteDatabase& database, const std::vector<EncodedClosure>& closures,
-                     const std::vector<uint64_t>& saved_hashes);
+                     const MapSnapshot& snapshot);
 Status WriteComponents(SqliteDatabase& database, const MapSnapshot& snapshot);
 
 // Null if nothing was ever saved. DataLoss if something does not fit together.

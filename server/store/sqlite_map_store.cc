@@ -205,22 +205,27 @@ StatusOr<std::vector<SubmapId>> SqliteMapStore::AppendSubmaps(
 Status SqliteMapStore::SaveSnapshot(const MapSnapshot& snapshot) {
   const std::lock_guard saved_lock(saved_mutex_);
   const std::vector<EncodedState> states = EncodeChangedStates(snapshot, saved_states_);
-  const std::vector<EncodedClosure> closures = EncodeClosures(snapshot);
+  const std::vector<EncodedClosure> closures = EncodeChangedClosures(snapshot, saved_closures_);
   const std::vector<SubmapId> left_over = LeftOver(saved_states_, snapshot);
   const std::lock_guard lock(mutex_);
   PORTOLAN_RETURN_IF_ERROR(WriteLocked([&]() -> Status {
     PORTOLAN_RETURN_IF_ERROR(WriteStates(*database_, states));
     PORTOLAN_RETURN_IF_ERROR(DeleteStates(*database_, left_over));
-    PORTOLAN_RETURN_IF_ERROR(WriteClosures(*database_, closures, saved_closure_hashes_));
+    PORTOLAN_RETURN_IF_ERROR(WriteClosures(*database_, closures, snapshot));
     return WriteComponents(*database_, snapshot);
   }));
   for (const SubmapId id : left_over) saved_states_.erase(id);
   for (const EncodedState& encoded : states) {
     saved_states_[encoded.state->refined->id] = encoded.state;
   }
-  saved_closure_hashes_.clear();
-  for (const EncodedClosure& closure : closures) saved_closure_hashes_.push_back(closure.hash);
+  RememberClosures(snapshot);
   return absl::OkStatus();
+}
+
+void SqliteMapStore::RememberClosures(const MapSnapshot& snapshot) {
+  saved_closures_ = {};
+  if (snapshot.closures) saved_closures_.accepted = *snapshot.closures;
+  if (snapshot.waiting_closures) saved_closures_.waiting = *snapshot.waiting_closures;
 }
 
 Status SqliteMapStore::DropDerived() {
@@ -231,7 +236,7 @@ Status SqliteMapStore::DropDerived() {
     return CreateDerivedTables(*database_);
   }));
   saved_states_.clear();
-  saved_closure_hashes_.clear();
+  saved_closures_ = {};
   return absl::OkStatus();
 }
 
@@ -291,12 +296,10 @@ StatusOr<StoredMap> SqliteMapStore::Load(const SubmapDecoder& decode) {
   }
   map.snapshot = *std::move(snapshot);
   saved_states_.clear();
-  saved_closure_hashes_.clear();
+  saved_closures_ = {};
   if (!map.snapshot) return map;
   for (const auto& state : map.snapshot->submaps) saved_states_[state->refined->id] = state;
-  for (const EncodedClosure& closure : EncodeClosures(*map.snapshot)) {
-    saved_closure_hashes_.push_back(closure.hash);
-  }
+  RememberClosures(*map.snapshot);
   return map;
 }
 

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/store/derived_tables.h"
 #include "server/store/map_store.h"
 #include "server/store/sqlite.h"
 
@@ -73,10 +74,12 @@ class SqliteMapStore : public MapStore {
   std::map<SessionName, SessionRow> sessions_;
 
   // Taken before mutex_.
+  void RememberClosures(const MapSnapshot& snapshot);
+
   std::mutex saved_mutex_;
   // Guarded by saved_mutex_: what the derived tables hold, so that a save writes the difference.
   std::unordered_map<SubmapId, std::shared_ptr<const SubmapState>> saved_states_;
-  std::vector<uint64_t> saved_closure_hashes_;
+  SavedClosures saved_closures_;
 
   // Known without a lock, so that a large save holds up no query.
   std::atomic<int64_t> size_bytes_ = 0;

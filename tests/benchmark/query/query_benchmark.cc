@@ -50,7 +50,7 @@ std::shared_ptr<const MapSnapshot> MakeMap() {
   snapshot->version = 1;
   for (int64_t id = 1; id <= kSubmaps; ++id) snapshot->submaps.push_back(MakeState(id, &random));
   snapshot->components = {{ComponentId(1), true, false}};
-  snapshot->closures = std::make_shared<const std::vector<Closure>>();
+  snapshot->closures = std::make_shared<const ClosureList>();
   return snapshot;
 }
 

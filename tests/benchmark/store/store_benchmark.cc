@@ -32,7 +32,7 @@ struct FilledStore {
     for (int i = 0; i < count; ++i) submaps.push_back(MakeLargeSubmap(i));
     store->AppendSubmaps(submaps).status().IgnoreError();
     map = *store->Load(DecodeLargeSubmap);
-    snapshot.closures = std::make_shared<const std::vector<Closure>>();
+    snapshot.closures = std::make_shared<const ClosureList>();
     for (const StoredSubmap& submap : map.submaps) snapshot.submaps.push_back(State(submap, 1));
     store->SaveSnapshot(snapshot).IgnoreError();
   }

@@ -57,9 +57,9 @@ class SqliteMapStoreTest : public ::testing::Test {
                                            5, seed + submap.id.value()));
     }
     snapshot.components = {{ComponentId(1), true, false}};
-    snapshot.closures = std::make_shared<const std::vector<Closure>>(
+    snapshot.closures = std::make_shared<const ClosureList>(
         std::vector<Closure>{MakeClosure(SubmapId(1), SubmapId(2), 3)});
-    snapshot.waiting_closures = std::make_shared<const std::vector<Closure>>(
+    snapshot.waiting_closures = std::make_shared<const ClosureList>(
         std::vector<Closure>{MakeClosure(SubmapId(2), SubmapId(1), 4)});
     return snapshot;
   }
@@ -146,12 +146,12 @@ TEST_F(SqliteMapStoreTest, IncrementalSavesAddUpToTheNewestSnapshot) {
     snapshot.version = 11;
     snapshot.submaps[2] = MakeState(map.submaps[2], ComponentId(1), {0, 5, 0}, 7, 99);
     snapshot.submaps.pop_back();
-    snapshot.closures = std::make_shared<const std::vector<Closure>>(std::vector<Closure>{
+    snapshot.closures = std::make_shared<const ClosureList>(std::vector<Closure>{
         MakeClosure(SubmapId(1), SubmapId(3), 2), MakeClosure(SubmapId(2), SubmapId(3), 5)});
     ASSERT_TRUE(store->SaveSnapshot(snapshot).ok());
     snapshot.version = 12;
     snapshot.closures =
-        std::make_shared<const std::vector<Closure>>(std::vector<Closure>{(*snapshot.closures)[1]});
+        std::make_shared<const ClosureList>(std::vector<Closure>{(*snapshot.closures)[1]});
     ASSERT_TRUE(store->SaveSnapshot(snapshot).ok());
   }
   auto store = Open();

@@ -55,7 +55,7 @@ void ExpectSameState(const SubmapState& actual, const SubmapState& expected) {
   }
 }
 
-void ExpectSameClosures(const std::vector<Closure>& actual, const std::vector<Closure>& expected) {
+void ExpectSameClosures(const ClosureList& actual, const ClosureList& expected) {
   ASSERT_EQ(actual.size(), expected.size());
   for (size_t i = 0; i < actual.size(); ++i) {
     EXPECT_EQ(actual[i].b, expected[i].b);

@@ -87,7 +87,7 @@ FakeMapEngine::FakeMapEngine(const FakeMapEngineOptions& options,
                              std::shared_ptr<EngineProbe> probe)
     : options_(options), probe_(std::move(probe)) {
   auto empty = std::make_shared<MapSnapshot>();
-  empty->closures = std::make_shared<const std::vector<Closure>>();
+  empty->closures = std::make_shared<const ClosureList>();
   snapshot_ = std::move(empty);
 }
 

@@ -1,0 +1,283 @@
+// The map aligner's work in large components: everything is bounded to a region.
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <deque>
+#include <utility>
+
+#include "server/alignment/map_aligner.h"
+
+namespace portolan {
+namespace {
+
+// Squared strain, in sigmas, of a relation at the rim of a region above which the region was too
+// small.
+constexpr double kMaxRimChi2 = 1.0;
+// Relative movement (of the submap's scale and of its distance in units of its own size) under
+// which a solved submap has not moved.
+constexpr double kMinMovement = 1e-4;
+
+Matrix7d InformationOf(const Matrix7d& covariance) {
+  return covariance.llt().solve(Matrix7d::Identity());
+}
+
+double Chi2Of(const Relation& relation, const RelationGraph& graph) {
+  const Vector7d error = RelationError(relation.a_from_b, graph.world_from_node[relation.a],
+                                       graph.world_from_node[relation.b]);
+  return error.dot(relation.information * error);
+}
+
+}  // namespace
+
+double MapAligner::Disagreement(const Closure& closure) const {
+  const Vector7d error = RelationError(closure.a_from_b, model_.submap(closure.a).world_from_submap,
+                                       model_.submap(closure.b).world_from_submap);
+  return error.dot(relations_.FlooredCovariance(model_, closure).llt().solve(error));
+}
+
+std::optional<double> MapAligner::DisagreementAlongChain(const Closure& closure) const {
+  const auto chain = Relative(closure.a, closure.b);
+  if (!chain) return std::nullopt;
+  const Vector7d error = RelationError(closure.a_from_b, model_.submap(closure.a).world_from_submap,
+                                       model_.submap(closure.b).world_from_submap);
+  const Matrix7d covariance = chain->covariance + relations_.FlooredCovariance(model_, closure);
+  return error.dot(covariance.llt().solve(error));
+}
+
+// The strongest first: once it has put the submap right, the others mostly agree.
+bool MapAligner::CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> candidates) {
+  std::erase_if(candidates,
+                [this](const auto& closure) { return judged_.contains(closure.get()); });
+  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
+    return a->matches.size() > b->matches.size();
+  });
+  std::set<const Closure*> closed;
+  for (const auto& closure : candidates) {
+    bool agrees = Disagreement(*closure) <= options_.graph.max_chi2;
+    if (!agrees) {
+      const std::optional<double> along_chain = DisagreementAlongChain(*closure);
+      agrees = (!along_chain || *along_chain <= options_.graph.max_chi2) && SolveAround(*closure);
+    }
+    if (!agrees) {
+      judged_.insert(closure.get());
+      continue;
+    }
+    closed.insert(closure.get());
+    Accept(closure);
+  }
+  ErasePending([&](const Closure& closure) { return closed.contains(&closure); });
+  return !closed.empty();
+}
+
+bool MapAligner::SolveAround(const Closure& closure) {
+  size_t count = options_.loop_region_submaps;
+  while (true) {
+    const std::vector<SubmapId> region = RegionAround({closure.a, closure.b}, count);
+    const RegionOutcome outcome = SolveRegion(closure, region);
+    if (outcome != RegionOutcome::kTooSmall) return outcome == RegionOutcome::kSolved;
+    count = std::min<size_t>(4 * count, options_.max_loop_region_submaps);
+  }
+}
+
+// Every relation is measured as the map has it, so that what the adjustments gained stays; the
+// closure is the only one that pulls, and the cost of the solution is how far it contradicts.
+MapAligner::RegionOutcome MapAligner::SolveRegion(const Closure& closure,
+                                                  const std::vector<SubmapId>& region) {
+  std::map<SubmapId, int> nodes;
+  for (const SubmapId id : region) nodes.emplace(id, static_cast<int>(nodes.size()));
+  RelationGraph graph;
+  graph.fixed.assign(region.size(), false);
+  bool has_rim = false;
+  const auto add = [&](SubmapId a, SubmapId b, const Matrix7d& information) {
+    const Similarity3 a_from_b =
+        model_.submap(a).world_from_submap.Inverse() * model_.submap(b).world_from_submap;
+    graph.relations.push_back({nodes.at(a), nodes.at(b), a_from_b, information, false});
+  };
+  for (const SubmapId id : region) {
+    const ModelSubmap& submap = model_.submap(id);
+    graph.world_from_node.push_back(submap.world_from_submap);
+    if (submap.link && nodes.contains(submap.link->a)) {
+      add(submap.link->a, id, submap.link->information);
+    }
+    for (const size_t i : relations_.ClosuresOf(id)) {
+      const Closure& other = closures()[i];
+      if (other.b == id && nodes.contains(other.a)) {
+        add(other.a, id, InformationOf(relations_.CovarianceOf(i)));
+      }
+    }
+    for (const SubmapId neighbour : relations_.NeighbourNames(model_, id)) {
+      if (nodes.contains(neighbour)) continue;
+      graph.fixed[nodes.at(id)] = true;
+      has_rim = true;
+    }
+  }
+  if (!has_rim) graph.fixed[nodes.at(*std::min_element(region.begin(), region.end()))] = true;
+  const bool is_largest =
+      !has_rim || region.size() >= static_cast<size_t>(options_.max_loop_region_submaps);
+  graph.relations.push_back({nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
+                             InformationOf(relations_.FlooredCovariance(model_, closure)), false});
+  SolveRelationGraph(options_.graph, &graph);
+  double cost = 0;
+  double rim = 0;
+  for (const Relation& relation : graph.relations) {
+    const double chi2 = Chi2Of(relation, graph);
+    cost += chi2;
+    if (has_rim && (graph.fixed[relation.a] || graph.fixed[relation.b])) rim = std::max(rim, chi2);
+  }
+  const bool contradicts = !(cost <= options_.graph.max_chi2);
+  if (!is_largest && (contradicts || rim > kMaxRimChi2)) return RegionOutcome::kTooSmall;
+  if (contradicts) return RegionOutcome::kContradicts;
+  MoveRegion(region, graph.world_from_node);
+  return RegionOutcome::kSolved;
+}
+
+void MapAligner::MoveRegion(const std::vector<SubmapId>& region,
+                            const std::vector<Similarity3>& world_from_submap) {
+  for (size_t i = 0; i < region.size(); ++i) {
+    const ModelSubmap& submap = model_.submap(region[i]);
+    const double size = std::max(
+        (submap.world_from_camera.back().translation - submap.world_from_submap.translation).norm(),
+        1e-9);
+    const Vector7d step = (submap.world_from_submap.Inverse() * world_from_submap[i]).Log();
+    const double movement = std::max({step.head<3>().norm() * submap.world_from_submap.scale / size,
+                                      step.segment<3>(3).norm(), std::abs(step[6])});
+    if (movement < kMinMovement) continue;
+    model_.MoveSubmap(region[i], world_from_submap[i]);
+    touched_.insert(region[i]);
+    // The cameras shared with the neighbours moved with it.
+    if (submap.link) touched_.insert(submap.link->a);
+    TouchLandmarksOf(region[i]);
+    MarkStale(region[i], 1);
+  }
+}
+
+std::vector<SubmapId> MapAligner::RegionAround(const std::vector<SubmapId>& seeds,
+                                               size_t count) const {
+  std::vector<SubmapId> region = seeds;
+  std::set<SubmapId> known(seeds.begin(), seeds.end());
+  for (size_t i = 0; i < region.size() && region.size() < count; ++i) {
+    const SubmapId id = region[i];
+    const ModelSubmap& submap = model_.submap(id);
+    std::vector<SubmapId> names;
+    if (submap.link) names.push_back(submap.link->a);
+    if (submap.successor) names.push_back(*submap.successor);
+    std::vector<size_t> order = relations_.ClosuresOf(id);
+    std::stable_sort(order.begin(), order.end(), [this](size_t a, size_t b) {
+      return closures()[a].matches.size() > closures()[b].matches.size();
+    });
+    for (const size_t k : order) {
+      names.push_back(closures()[k].a == id ? closures()[k].b : closures()[k].a);
+    }
+    for (const SubmapId name : names) {
+      if (region.size() >= count) break;
+      if (known.insert(name).second) region.push_back(name);
+    }
+  }
+  return region;
+}
+
+void MapAligner::PlaceSubmap(SubmapId id) {
+  MapAdjusterOptions local = options_.adjuster;
+  local.bundle.max_iterations = options_.placing_iterations;
+  local.bundle.rounds = 1;
+  last_adjustment_ = AdjustSubmapToMap(local, id, &model_);
+  touched_.insert(id);
+  TouchLandmarksOf(id);
+}
+
+void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
+  if (restless_.empty()) return;
+  const SubmapId seed =
+      std::max_element(restless_.begin(), restless_.end(), [](const auto& a, const auto& b) {
+        return a.second < b.second;
+      })->first;
+  const ComponentId component = model_.submap(seed).component;
+  size_t& checked_size = metric_checked_size_[component];
+  if (10 * model_.SizeOf(component) > 11 * checked_size) {
+    checked_size = model_.SizeOf(component);
+    MakeMetric(component);
+  }
+  std::vector<SubmapId> region = RegionAround({seed}, options_.region_submaps);
+  std::sort(region.begin(), region.end());
+  last_adjustment_ = AdjustMap(options_.adjuster, region, 2, &interrupt, &model_);
+  for (const SubmapId id : region) {
+    touched_.insert(id);
+    const ModelSubmap& submap = model_.submap(id);
+    if (submap.link) touched_.insert(submap.link->a);
+    if (submap.successor) touched_.insert(*submap.successor);
+    TouchLandmarksOf(id);
+  }
+  if (last_adjustment_.summary.interrupted) return;
+  restless_.erase(seed);
+  for (const SubmapId name : relations_.NeighbourNames(model_, seed)) {
+    if (std::binary_search(region.begin(), region.end(), name)) restless_.erase(name);
+  }
+  TakeBackFailed(region);
+}
+
+void MapAligner::TakeBackFailed(const std::vector<SubmapId>& region) {
+  std::vector<std::shared_ptr<const Closure>> failed;
+  for (const SubmapId id : region) {
+    for (const size_t i : relations_.ClosuresOf(id)) {
+      const Closure& closure = closures()[i];
+      if (closure.b != id || !std::binary_search(region.begin(), region.end(), closure.a)) continue;
+      if (!Survives(closure)) failed.push_back(closures().shared(i));
+    }
+  }
+  if (failed.empty()) return;
+  relations_.EraseClosures([&](const Closure& closure) {
+    return std::any_of(failed.begin(), failed.end(),
+                       [&](const auto& one) { return one.get() == &closure; });
+  });
+  for (const auto& closure : failed) {
+    const ComponentId component = model_.submap(closure->a).component;
+    if (component == model_.submap(closure->b).component && !Relative(closure->a, closure->b)) {
+      PartComponent(component);
+    } else {
+      SeparateMatches(*closure);
+    }
+    MarkStale(closure->a, 2);
+    MarkStale(closure->b, 2);
+  }
+}
+
+// What the closure united comes apart, but for what other closures hold together.
+void MapAligner::SeparateMatches(const Closure& closure) {
+  const ModelSubmap& submap = model_.submap(closure.a);
+  for (const LandmarkMatch& match : closure.matches) {
+    const int in_a = MapModel::LandmarkIndex(*submap.refined, match.in_a);
+    if (in_a < 0) continue;
+    const std::vector<LandmarkSight> sights = model_.landmarks()[submap.landmarks[in_a]].sights;
+    model_.SeparateLandmark(submap.landmarks[in_a]);
+    for (const LandmarkSight& sight : sights) {
+      for (const size_t i : relations_.ClosuresOf(sight.submap)) {
+        const Closure& other = closures()[i];
+        for (const LandmarkMatch& pair : other.matches) {
+          if (sight == LandmarkSight{other.a, pair.in_a} ||
+              sight == LandmarkSight{other.b, pair.in_b}) {
+            model_.UniteLandmarks({other.a, pair.in_a}, {other.b, pair.in_b});
+          }
+        }
+      }
+    }
+    for (const LandmarkSight& sight : sights) TouchLandmark(sight);
+  }
+}
+
+// The owner of the landmark, and the sight, which may have been or become the owner.
+void MapAligner::TouchLandmark(const LandmarkSight& sight) {
+  const ModelSubmap& submap = model_.submap(sight.submap);
+  const int index = MapModel::LandmarkIndex(*submap.refined, sight.track);
+  if (index < 0) return;
+  const LandmarkSight& owner = model_.landmarks()[submap.landmarks[index]].sights.front();
+  touched_landmarks_[owner.submap].insert(owner.track);
+  touched_landmarks_[sight.submap].insert(sight.track);
+}
+
+void MapAligner::TouchLandmarksOf(SubmapId id) {
+  for (const int landmark : model_.submap(id).landmarks) {
+    const LandmarkSight& owner = model_.landmarks()[landmark].sights.front();
+    if (owner.submap != id) touched_landmarks_[owner.submap].insert(owner.track);
+  }
+}
+
+}  // namespace portolan
