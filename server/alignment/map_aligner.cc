@@ -22,6 +22,7 @@ Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(adjuster.Validate());
   PORTOLAN_RETURN_IF_ERROR(graph.Validate());
   PORTOLAN_RETURN_IF_ERROR(consistency.Validate());
+  PORTOLAN_RETURN_IF_ERROR(judge.Validate());
   PORTOLAN_RETURN_IF_ERROR(relations.Validate());
   if (full_component_submaps < 1 || region_submaps < 1 || loop_region_submaps < 2 ||
       max_loop_region_submaps < loop_region_submaps || placing_iterations < 1) {
@@ -90,9 +91,8 @@ void MapAligner::AddClosures(const std::vector<Closure>& closures) {
   for (const Closure& closure : closures) {
     if (model_.Contains(closure.a) && model_.Contains(closure.b)) pending_.push_back(closure);
   }
-  // A join turns other closures into loops, and a corrected loop may let others agree.
-  while (JoinComponents()) CloseLoops();
-  CloseLoops();
+  SettleWaiting();
+  ReviewClosures();
   if (pending_.size() > static_cast<size_t>(options_.max_pending)) {
     size_t surplus = pending_.size() - options_.max_pending;
     ErasePending([&](const Closure&) { return surplus > 0 && surplus-- > 0; });
@@ -107,6 +107,8 @@ bool MapAligner::JoinComponents() {
     if (a != b) groups[std::minmax(a, b)].push_back(closure);
   }
   const auto relative = [this](SubmapId a, SubmapId b) { return Relative(a, b); };
+  // The pair with the most agreeing closures joins first; the others may then be loops.
+  std::vector<Closure> strongest;
   for (const auto& [components, closures] : groups) {
     // With a large component a group is judged again only when it has grown.
     if (IsLarge(components.first) || IsLarge(components.second)) {
@@ -121,10 +123,11 @@ bool MapAligner::JoinComponents() {
     const bool single = agreeing.size() == 1 && static_cast<int>(agreeing[0].matches.size()) >=
                                                     options_.min_matches_of_single_closure;
     if (agreeing.size() < 2 && !single) continue;
-    Join(agreeing);
-    return true;
+    if (agreeing.size() > strongest.size()) strongest = std::move(agreeing);
   }
-  return false;
+  if (strongest.empty()) return false;
+  Join(strongest);
+  return true;
 }
 
 // Moves the younger component by the closure with the most matches.
@@ -314,14 +317,19 @@ bool MapAligner::Survives(const Closure& closure) const {
 
 void MapAligner::DropFailedClosures(ComponentId component) {
   std::set<const Closure*> failed;
-  for (const Closure& closure : closures()) {
-    if (model_.submap(closure.a).component == component && !Survives(closure)) {
-      failed.insert(&closure);
-    }
+  std::vector<std::shared_ptr<const Closure>> again;
+  for (size_t i = 0; i < closures().size(); ++i) {
+    const std::shared_ptr<const Closure>& closure = closures().shared(i);
+    if (model_.submap(closure->a).component != component || Survives(*closure)) continue;
+    failed.insert(closure.get());
+    // What fails may be right and another one wrong that bends the map: it gets a second chance.
+    if (failed_once_.emplace(closure->a, closure->b).second) again.push_back(closure);
   }
   if (failed.empty()) return;
   relations_.EraseClosures([&](const Closure& closure) { return failed.contains(&closure); });
   PartComponent(component);
+  SettleWaiting();
+  for (auto& closure : again) pending_.push_back(std::move(closure));
 }
 
 // After closures were taken back: landmarks come apart, and so does what is no longer connected.

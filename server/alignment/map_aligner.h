@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/alignment/closure_judge.h"
 #include "server/alignment/map_adjuster.h"
 #include "server/alignment/map_model.h"
 #include "server/alignment/relation_graph.h"
@@ -27,6 +28,8 @@ struct MapAlignerOptions {
   MapAdjusterOptions adjuster;
   RelationGraphOptions graph;
   PairwiseConsistencyOptions consistency;
+  // For components whose waiting closures contradict the accepted ones.
+  ClosureJudgeOptions judge;
   // Two components join by one closure with this many matches, or by two or more that agree.
   int min_matches_of_single_closure = 40;
   SubmapRelationsOptions relations;
@@ -105,6 +108,12 @@ class MapAligner {
   bool IsLarge(ComponentId component) const {
     return model_.SizeOf(component) > static_cast<size_t>(options_.full_component_submaps);
   }
+  // Joins and closes what the waiting closures allow (map_aligner_review.cc).
+  void SettleWaiting();
+  // Judges components anew in which closures wait that contradict the accepted ones; takes
+  // accepted ones back if more speaks against them.
+  void ReviewClosures();
+  bool ReviewComponent(ComponentId component);
   bool JoinComponents();
   void Join(const std::vector<Closure>& agreeing);
   bool CloseLoops();
@@ -148,6 +157,10 @@ class MapAligner {
   std::set<const Closure*> judged_;
   // Waiting closures of two components, one of them large, when they were last judged.
   std::map<std::pair<ComponentId, ComponentId>, size_t> judged_group_sizes_;
+  // Waiting closures inside of a component when it was last reviewed.
+  std::map<ComponentId, size_t> reviewed_counts_;
+  // Ends of closures that did not survive an adjustment once; another time they are forgotten.
+  std::set<std::pair<SubmapId, SubmapId>> failed_once_;
   std::map<SubmapKey, SubmapId> id_of_key_;
   // Urgency by component: 2 after a closure, 1 after a new submap.
   std::map<ComponentId, int> stale_;

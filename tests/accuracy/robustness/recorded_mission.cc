@@ -9,6 +9,7 @@
 
 #include "agent/uplink/outbox.h"
 #include "common/trajectory/evaluation.h"
+#include "common/trajectory/trajectory_io.h"
 #include "common/wire/submap_wire.h"
 #include "server/query/trajectory_query.h"
 
@@ -95,18 +96,38 @@ std::vector<SubmapInput> Interleave(const RecordedMission& mission, uint32_t see
   }
 }
 
-StatusOr<MapAccuracy> EvaluateMap(const MapSnapshot& snapshot, const Trajectory& groundtruth) {
+StatusOr<GroundTruths> ReadGroundTruths(const std::filesystem::path& path) {
+  GroundTruths truths;
+  if (!std::filesystem::is_directory(path)) {
+    PORTOLAN_ASSIGN_OR_RETURN(truths[""], ReadTrajectory(path));
+    return truths;
+  }
+  for (const std::filesystem::path& agent : FoldersIn(path)) {
+    PORTOLAN_ASSIGN_OR_RETURN(truths[agent.filename()], ReadTrajectory(agent / "groundtruth.txt"));
+  }
+  return truths;
+}
+
+StatusOr<MapAccuracy> EvaluateMap(const MapSnapshot& snapshot, const GroundTruths& groundtruths) {
+  static const Trajectory kNone;
+  const auto truth_of = [&](const std::string& agent) {
+    auto it = groundtruths.find(agent);
+    if (it == groundtruths.end()) it = groundtruths.find("");
+    return it == groundtruths.end() ? &kNone : &it->second;
+  };
   MapAccuracy accuracy;
   const Parts joint = PartsOf(snapshot, false);
   std::vector<TrajectoryPair> pairs;
-  for (const auto& [name, part] : joint) pairs.push_back({name.second, &part, &groundtruth});
+  for (const auto& [name, part] : joint)
+    pairs.push_back({name.second, &part, truth_of(name.second)});
   PORTOLAN_ASSIGN_OR_RETURN(const TrajectoryEvaluation all, EvaluateTrajectories(pairs, {}));
   accuracy.ate_m = all.joint.ate_m.rmse;
   accuracy.coverage = all.joint.coverage;
+  accuracy.path_m = all.joint.reference_path_m;
   const Parts apart = PartsOf(snapshot, true);
   std::map<ComponentId, std::vector<TrajectoryPair>> components;
   for (const auto& [name, part] : apart) {
-    components[name.first].push_back({name.second, &part, &groundtruth});
+    components[name.first].push_back({name.second, &part, truth_of(name.second)});
   }
   accuracy.components = static_cast<int>(components.size());
   for (const auto& [id, members] : components) {

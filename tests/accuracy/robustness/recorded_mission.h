@@ -5,6 +5,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "common/base/status.h"
@@ -26,16 +28,23 @@ StatusOr<RecordedMission> ReadRecordedMission(const std::filesystem::path& folde
 // in sequence. Seed 0: by sequence number, then by agent, as in lockstep.
 std::vector<SubmapInput> Interleave(const RecordedMission& mission, uint32_t seed);
 
+// By agent; the one named "" is for all that have none of their own.
+using GroundTruths = std::map<std::string, Trajectory>;
+
+// A trajectory file for all agents, or a folder with AGENT/groundtruth.txt.
+StatusOr<GroundTruths> ReadGroundTruths(const std::filesystem::path& path);
+
 struct MapAccuracy {
   int components = 0;       // quarantined submaps not counted
   double ate_m = 0;         // all frames, one Sim(3) for all agents
   double worst_part_m = 0;  // the largest ATE of a component that is aligned alone
   double coverage = 0;
+  double path_m = 0;  // of all agents
 };
 
 // Each component's frames are a part of their agent's trajectory; parts that do not hang together
 // have no common frame, which `ate_m` shows as in the product's table.
-StatusOr<MapAccuracy> EvaluateMap(const MapSnapshot& snapshot, const Trajectory& groundtruth);
+StatusOr<MapAccuracy> EvaluateMap(const MapSnapshot& snapshot, const GroundTruths& groundtruths);
 
 }  // namespace portolan
 

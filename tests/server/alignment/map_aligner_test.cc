@@ -161,6 +161,46 @@ TEST_F(MapAlignerTest, WrongMergeIsUndone) {
   EXPECT_LT(Rms(), 0.01);
 }
 
+TEST_F(MapAlignerTest, WrongMergeGivesWayToClosuresThatAgree) {
+  Make(TwoAgents());
+  AddAll();
+  Vector7d error;
+  error << 1, 0, 0.5, 0.4, 0, 0, 0.2;
+  Closure wrong = MakeClosure(1, 6, error, 60);
+  ASSERT_GE(wrong.matches.size(), 40u);
+  aligner_.AddClosures({wrong});
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 6u);
+  Polish();
+  aligner_.AddClosures({MakeClosure(1, 2)});
+  aligner_.AddClosures({MakeClosure(3, 4)});
+  EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 6u);
+  ASSERT_EQ(aligner_.closures().size(), 2u);
+  for (const Closure& closure : aligner_.closures()) EXPECT_NE(closure.b, SubmapId(6));
+  Polish();
+  EXPECT_LT(Rms(), 0.01);
+}
+
+// Repeated structure: two wrong closures that agree come first.
+TEST_F(MapAlignerTest, AgreeingWrongClosuresAreOutvoted) {
+  Make(TwoAgents());
+  AddAll();
+  Vector7d error;
+  error << 0.8, 0, 0.3, 0.3, 0, 0, 0;
+  Closure first = MakeClosure(1, 2, error, 30);
+  Closure second = MakeClosure(3, 4, error, 30);
+  const auto& truth = mission_.submaps;
+  second.a_from_b = truth[2].world_from_submap.Inverse() * truth[0].world_from_submap *
+                    first.a_from_b * truth[1].world_from_submap.Inverse() *
+                    truth[3].world_from_submap;
+  aligner_.AddClosures({first, second});
+  EXPECT_EQ(aligner_.closures().size(), 2u);
+  aligner_.AddClosures({MakeClosure(1, 4), MakeClosure(3, 2), MakeClosure(3, 6)});
+  ASSERT_EQ(aligner_.closures().size(), 3u);
+  Polish();
+  EXPECT_EQ(aligner_.closures().size(), 3u);
+  EXPECT_LT(Rms(), 0.01);
+}
+
 TEST_F(MapAlignerTest, CovarianceGrowsAlongTheChain) {
   SyntheticSubmapsOptions options;
   options.agents = {{0, 3, 6, 1.5}};

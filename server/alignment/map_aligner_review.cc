@@ -1,0 +1,105 @@
+// Second thoughts of MapAligner: waiting closures that contradict the map may be right, and
+// closures that were accepted before them wrong.
+#include <map>
+#include <memory>
+#include <set>
+#include <vector>
+
+#include "server/alignment/map_aligner.h"
+
+namespace portolan {
+namespace {
+
+Matrix7d Inverse(const Matrix7d& positive_definite) {
+  const Matrix7d inverse = positive_definite.llt().solve(Matrix7d::Identity());
+  return 0.5 * (inverse + inverse.transpose());
+}
+
+}  // namespace
+
+void MapAligner::SettleWaiting() {
+  // A join turns other closures into loops, and a corrected loop may let others agree.
+  while (JoinComponents()) CloseLoops();
+  CloseLoops();
+}
+
+// Each component is reviewed once for each number of closures that wait in it.
+void MapAligner::ReviewClosures() {
+  std::map<ComponentId, size_t> contradicting;
+  for (const Closure& closure : pending_) {
+    const ComponentId component = model_.submap(closure.a).component;
+    if (component != model_.submap(closure.b).component || IsLarge(component)) continue;
+    ++contradicting[component];
+  }
+  bool changed = false;
+  for (const auto& [component, count] : contradicting) {
+    size_t& reviewed = reviewed_counts_[component];
+    // A single one is outvoted by what joined the component.
+    if (count < 2 || count == reviewed) continue;
+    reviewed = count;
+    changed = ReviewComponent(component) || changed;
+  }
+  if (changed) SettleWaiting();
+}
+
+bool MapAligner::ReviewComponent(ComponentId component) {
+  const std::vector<SubmapId> ids = model_.SubmapsOf(component);
+  std::map<SubmapId, int> nodes;
+  for (const SubmapId id : ids) nodes.emplace(id, static_cast<int>(nodes.size()));
+  std::vector<Relation> relations;
+  std::vector<int> support;
+  for (const SubmapId id : ids) {
+    const auto& link = model_.submap(id).link;
+    if (!link) continue;
+    relations.push_back(
+        {nodes.at(link->a), nodes.at(id), link->a_from_b, link->information, false});
+    support.push_back(0);
+  }
+  std::vector<std::shared_ptr<const Closure>> judged;
+  const auto add = [&](const ClosureList& list) {
+    for (size_t i = 0; i < list.size(); ++i) {
+      const Closure& closure = list[i];
+      if (!nodes.contains(closure.a) || !nodes.contains(closure.b)) continue;
+      judged.push_back(list.shared(i));
+      relations.push_back({nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
+                           Inverse(relations_.FlooredCovariance(model_, closure)), true});
+      support.push_back(static_cast<int>(closure.matches.size()));
+    }
+  };
+  add(closures());
+  const size_t accepted_before = judged.size();
+  add(pending_);
+  const JudgedFleet fleet =
+      JudgeClosures(options_.judge, static_cast<int>(ids.size()), relations, support);
+  std::set<const Closure*> refused;
+  int lost = 0, won = 0;
+  const size_t first = relations.size() - judged.size();
+  for (size_t i = 0; i < judged.size(); ++i) {
+    const bool accepted = fleet.accepted[first + i];
+    if (i < accepted_before && !accepted) {
+      refused.insert(judged[i].get());
+      lost += support[first + i];
+    } else if (i >= accepted_before && accepted) {
+      won += support[first + i];
+    }
+  }
+  if (refused.empty() || won <= lost) return false;
+  for (size_t i = 0; i < accepted_before; ++i) {
+    if (refused.contains(judged[i].get())) pending_.push_back(judged[i]);
+  }
+  relations_.EraseClosures([&](const Closure& closure) { return refused.contains(&closure); });
+  PartComponent(component);
+  // The links' own measurements again, in place of what the wrong closures bent.
+  std::map<ComponentId, Similarity3> world_from_judged;
+  for (const SubmapId id : ids) {
+    const Similarity3& pose = fleet.world_from_node[nodes.at(id)];
+    const ModelSubmap& submap = model_.submap(id);
+    const auto [it, is_first] =
+        world_from_judged.try_emplace(submap.component, submap.world_from_submap * pose.Inverse());
+    if (!is_first) model_.MoveSubmap(id, it->second * pose);
+  }
+  Touch(ids);
+  return true;
+}
+
+}  // namespace portolan
