@@ -66,8 +66,8 @@ void PrintClosures(const MapSnapshot& snapshot) {
 Status Run(const Arguments& arguments) {
   PORTOLAN_ASSIGN_OR_RETURN(const GroundTruths groundtruth,
                             ReadGroundTruths(arguments.groundtruth));
-  std::printf("%-28s %4s %6s %9s %9s %9s %9s\n", "recording", "run", "parts", "ATE mm", "part mm",
-              "coverage", "closures");
+  std::printf("%-28s %4s %6s %9s %9s %9s %9s %9s\n", "recording", "run", "parts", "ATE mm",
+              "% path", "part mm", "coverage", "closures");
   std::vector<double> errors;
   int whole = 0, wrong = 0;
   for (const std::string& folder : arguments.folders) {
@@ -75,9 +75,11 @@ Status Run(const Arguments& arguments) {
     for (int run = arguments.first_run; run < arguments.first_run + arguments.runs; ++run) {
       PORTOLAN_ASSIGN_OR_RETURN(const auto snapshot, Replay(mission, run, arguments.background));
       PORTOLAN_ASSIGN_OR_RETURN(const MapAccuracy accuracy, EvaluateMap(*snapshot, groundtruth));
-      std::printf("%-28s %4d %6d %9.1f %9.1f %9.3f %9zu\n",
+      const double mean_path_m = accuracy.path_m / mission.agents.size();
+      std::printf("%-28s %4d %6d %9.1f %9.2f %9.1f %9.3f %9zu\n",
                   std::filesystem::path(folder).filename().c_str(), run, accuracy.components,
-                  1e3 * accuracy.ate_m, 1e3 * accuracy.worst_part_m, accuracy.coverage,
+                  1e3 * accuracy.ate_m, 100 * accuracy.ate_m / mean_path_m,
+                  1e3 * accuracy.worst_part_m, accuracy.coverage,
                   snapshot->closures ? snapshot->closures->size() : 0);
       if (arguments.verbose) PrintClosures(*snapshot);
       std::fflush(stdout);

@@ -12,29 +12,14 @@
 #include <string>
 #include <vector>
 
-#include "common/trajectory/alignment.h"
 #include "common/trajectory/trajectory_io.h"
 #include "server/refinement/submap_refiner.h"
 #include "server/verification/verifier.h"
+#include "tests/accuracy/robustness/placed_submap.h"
 #include "tests/accuracy/robustness/recorded_mission.h"
 
 namespace portolan {
 namespace {
-
-constexpr int kMinSequenceDistance = 3;
-constexpr double kMaxNearAngle = 20 * M_PI / 180;
-constexpr double kMaxNearDistanceOfDepth = 0.25;
-
-// A submap placed by the ground truth.
-struct PlacedByTruth {
-  std::shared_ptr<const RefinedSubmap> refined;
-  Similarity3 world_from_submap;
-  double depth_m = 1;  // median distance of its landmarks
-  // Cosine between true and estimated motion in the first camera; about -1 where the filter and the
-  // refinement took the depth-reversed solution.
-  double motion_agreement = 0;
-  std::vector<Rigid3> world_from_described;
-};
 
 struct Totals {
   int pairs = 0, near = 0, accepted = 0, accepted_near = 0, wrong = 0;
@@ -42,61 +27,6 @@ struct Totals {
   std::vector<double> milliseconds;
   std::map<std::string, int> refusals_of_near;
 };
-
-std::optional<PlacedByTruth> Place(std::shared_ptr<const RefinedSubmap> refined,
-                                   const Trajectory& groundtruth) {
-  if (!refined->quarantine_reason.empty()) return std::nullopt;
-  PlacedByTruth placed;
-  std::vector<Eigen::Vector3d> estimate, truth;
-  std::optional<Rigid3> first;
-  for (size_t k = 0; k < refined->raw->keyframes.size(); ++k) {
-    const auto pose = InterpolatePose(groundtruth, refined->raw->keyframes[k].time);
-    if (!pose) continue;
-    if (k == 0) first = pose;
-    estimate.push_back(refined->submap_from_camera[k].translation);
-    truth.push_back(pose->translation);
-    if (!refined->raw->keyframes[k].features.empty()) placed.world_from_described.push_back(*pose);
-  }
-  const auto aligned = AlignPoints(estimate, truth, AlignmentMode::kSim3);
-  if (!aligned || !first) return std::nullopt;
-  placed.world_from_submap = Similarity3::FromRigid(*first, aligned->scale);
-  double dot = 0, squares = 0, squares_truth = 0;
-  for (size_t i = 0; i < truth.size(); ++i) {
-    const Eigen::Vector3d in_first = first->Inverse() * truth[i];
-    dot += in_first.dot(estimate[i]);
-    squares += estimate[i].squaredNorm();
-    squares_truth += in_first.squaredNorm();
-  }
-  placed.motion_agreement = dot / std::sqrt(squares * squares_truth);
-  std::vector<double> depths;
-  for (const RefinedLandmark& landmark : refined->landmarks) {
-    depths.push_back(aligned->scale * landmark.point_in_submap.norm());
-  }
-  std::nth_element(depths.begin(), depths.begin() + depths.size() / 2, depths.end());
-  placed.depth_m = depths[depths.size() / 2];
-  placed.refined = std::move(refined);
-  return placed;
-}
-
-bool IsNear(const PlacedByTruth& a, const PlacedByTruth& b) {
-  for (const Rigid3& camera_a : a.world_from_described) {
-    for (const Rigid3& camera_b : b.world_from_described) {
-      const double distance = (camera_a.translation - camera_b.translation).norm();
-      if (distance < kMaxNearDistanceOfDepth * std::min(a.depth_m, b.depth_m) &&
-          camera_a.rotation.angularDistance(camera_b.rotation) < kMaxNearAngle) {
-        return true;
-      }
-    }
-  }
-  return false;
-}
-
-bool IsCandidate(const RefinedSubmap& a, const RefinedSubmap& b) {
-  const SubmapKey &x = a.raw->key, &y = b.raw->key;
-  if (x.agent != y.agent || x.session != y.session) return true;
-  return std::abs(static_cast<int>(x.sequence_number) - static_cast<int>(y.sequence_number)) >=
-         kMinSequenceDistance;
-}
 
 class Figures {
  public:
@@ -184,7 +114,7 @@ Status Run(const std::string& groundtruth_file, bool verbose,
     std::vector<PlacedByTruth> placed;
     for (const SubmapInput& input : Interleave(mission, 0)) {
       const auto refined = refiner.Refine(input.id, input.submap, input.camera);
-      auto submap = Place(refined, groundtruth);
+      auto submap = PlaceByTruth(refined, groundtruth);
       if (verbose) {
         std::printf(
             "%s/%u: %zu keyframes, %zu landmarks, rms %.2f px, %s scale %.3f depth %.2f "
