@@ -3,11 +3,19 @@
 #include <ceres/ceres.h>
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
 #include <chrono>
+#include <cmath>
+#include <memory>
 #include <numeric>
+#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "server/pose_graph/chordal_initialization.h"
+#include "server/pose_graph/normal_equations.h"
 #include "server/pose_graph/pose_errors.h"
 
 namespace portolan {
@@ -62,10 +70,10 @@ struct Traits3 {
     return new ceres::AutoDiffCostFunction<Cost3, 6, 7, 7>(
         new Cost3{edge, SquareRoot<6>(edge.information)});
   }
-  static void SetManifold(ceres::Problem& problem, double* pose) {
-    problem.SetManifold(
-        pose,
-        new ceres::ProductManifold<ceres::EigenQuaternionManifold, ceres::EuclideanManifold<3>>());
+  static constexpr int kTangent = 6;
+  static std::unique_ptr<ceres::Manifold> MakeManifold() {
+    return std::make_unique<
+        ceres::ProductManifold<ceres::EigenQuaternionManifold, ceres::EuclideanManifold<3>>>();
   }
 };
 
@@ -82,7 +90,10 @@ struct Traits2 {
     return new ceres::AutoDiffCostFunction<Cost2, 3, 3, 3>(
         new Cost2{edge, SquareRoot<3>(edge.information)});
   }
-  static void SetManifold(ceres::Problem&, double*) {}
+  static constexpr int kTangent = 3;
+  static std::unique_ptr<ceres::Manifold> MakeManifold() {
+    return std::make_unique<ceres::EuclideanManifold<3>>();
+  }
 };
 
 template <typename Graph>
@@ -135,38 +146,125 @@ std::vector<int> Anchors(const Graph& graph, int& connected_parts) {
   return anchors;
 }
 
+// Levenberg-Marquardt; `Traits` says what differs between the dimensions.
 template <typename Traits>
-int Minimize(const PoseGraphSolverOptions& options, const std::vector<int>& anchors,
-             typename Traits::Graph& graph) {
-  std::vector<std::array<double, Traits::kParameters>> poses;
-  for (const auto& pose : graph.world_from_node) poses.push_back(Traits::Pack(pose));
-  ceres::Problem problem;
-  for (auto& pose : poses) {
-    problem.AddParameterBlock(pose.data(), Traits::kParameters);
-    Traits::SetManifold(problem, pose.data());
+class Minimizer {
+ public:
+  using Graph = typename Traits::Graph;
+
+  Minimizer(const PoseGraphSolverOptions& options, const std::vector<int>& anchors, Graph* graph)
+      : options_(options), graph_(*graph), manifold_(Traits::MakeManifold()) {
+    std::vector<bool> held(graph_.world_from_node.size(), false);
+    for (const int anchor : anchors) held[static_cast<size_t>(anchor)] = true;
+    for (size_t node = 0; node < held.size(); ++node) {
+      block_.push_back(held[node] ? -1 : blocks_++);
+      poses_.push_back(Traits::Pack(graph_.world_from_node[node]));
+    }
+    for (const auto& edge : graph_.edges) {
+      costs_.emplace_back(Traits::Cost(edge));
+      pairs_.emplace_back(block_[static_cast<size_t>(edge.a)], block_[static_cast<size_t>(edge.b)]);
+    }
   }
-  for (const auto& edge : graph.edges) {
-    problem.AddResidualBlock(Traits::Cost(edge), nullptr, poses[static_cast<size_t>(edge.a)].data(),
-                             poses[static_cast<size_t>(edge.b)].data());
+
+  // Returns the number of iterations.
+  int Run() {
+    if (blocks_ == 0 || pairs_.empty()) return 0;
+    NormalEquations equations(blocks_, Traits::kTangent, pairs_);
+    double cost = Cost(poses_);
+    // Nielsen's rule for the damping ("Damping parameter in Marquardt's method", 1999).
+    double damping = kFirstDamping, growth = 2;
+    int iteration = 0;
+    for (bool converged = false; !converged && iteration < options_.max_iterations; ++iteration) {
+      Linearize(&equations);
+      converged = true;
+      for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+        double predicted = 0;
+        const std::optional<std::vector<Pose>> next = Step(damping, &equations, &predicted);
+        const double decrease = next ? cost - Cost(*next) : -1;
+        if (decrease >= 0) {
+          const double gain = predicted > 0 ? decrease / predicted : 1;
+          damping *= std::max(1.0 / 3, 1 - std::pow(2 * std::min(gain, 1.0) - 1, 3));
+          growth = 2;
+          converged = decrease <= kRelativeDecrease * cost;
+          cost -= decrease;
+          poses_ = *next;
+          break;
+        }
+        damping *= growth;
+        growth *= 2;
+      }
+    }
+    for (size_t i = 0; i < poses_.size(); ++i) {
+      graph_.world_from_node[i] = Traits::Unpack(poses_[i]);
+    }
+    return iteration;
   }
-  for (int anchor : anchors) {
-    problem.SetParameterBlockConstant(poses[static_cast<size_t>(anchor)].data());
-  }
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-  solver.max_num_iterations = options.max_iterations;
-  solver.num_threads = options.threads;
+
+ private:
+  using Pose = std::array<double, Traits::kParameters>;
+  static constexpr int kTangent = Traits::kTangent;
+  static constexpr int kMaxAttempts = 12;
+  static constexpr double kFirstDamping = 1e-8;  // nearly none
   // Steps converge by a factor of ten or more near the minimum: nine digits of chi2 are right.
-  solver.function_tolerance = 1e-8;
-  solver.gradient_tolerance = 1e-12;
-  solver.parameter_tolerance = 1e-12;
-  solver.initial_trust_region_radius = 1e8;
-  solver.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver, &problem, &summary);
-  for (size_t i = 0; i < poses.size(); ++i) graph.world_from_node[i] = Traits::Unpack(poses[i]);
-  return static_cast<int>(summary.iterations.size());
-}
+  static constexpr double kRelativeDecrease = 1e-8;
+
+  double Cost(const std::vector<Pose>& poses) const {
+    double sum = 0;
+    Eigen::Matrix<double, kTangent, 1> residuals;
+    for (size_t i = 0; i < costs_.size(); ++i) {
+      const double* parameters[] = {poses[static_cast<size_t>(graph_.edges[i].a)].data(),
+                                    poses[static_cast<size_t>(graph_.edges[i].b)].data()};
+      costs_[i]->Evaluate(parameters, residuals.data(), nullptr);
+      sum += residuals.squaredNorm();
+    }
+    return sum;
+  }
+
+  void Linearize(NormalEquations* equations) const {
+    using Ambient = Eigen::Matrix<double, kTangent, Traits::kParameters, Eigen::RowMajor>;
+    using Plus = Eigen::Matrix<double, Traits::kParameters, kTangent, Eigen::RowMajor>;
+    std::vector<Plus> plus(poses_.size());
+    for (size_t i = 0; i < poses_.size(); ++i) {
+      manifold_->PlusJacobian(poses_[i].data(), plus[i].data());
+    }
+    equations->SetZero();
+    Eigen::Matrix<double, kTangent, 1> residuals;
+    Ambient d_a, d_b;
+    double* jacobians[] = {d_a.data(), d_b.data()};
+    for (size_t i = 0; i < costs_.size(); ++i) {
+      const auto a = static_cast<size_t>(graph_.edges[i].a);
+      const auto b = static_cast<size_t>(graph_.edges[i].b);
+      const double* parameters[] = {poses_[a].data(), poses_[b].data()};
+      costs_[i]->Evaluate(parameters, residuals.data(), jacobians);
+      const Eigen::Matrix<double, kTangent, kTangent> local_a = d_a * plus[a];
+      const Eigen::Matrix<double, kTangent, kTangent> local_b = d_b * plus[b];
+      equations->Add(i, residuals, local_a, local_b);
+    }
+  }
+
+  std::optional<std::vector<Pose>> Step(double damping, NormalEquations* equations,
+                                        double* predicted) const {
+    Eigen::VectorXd step;
+    const std::optional<double> decrease = equations->Solve(damping, &step);
+    if (!decrease) return std::nullopt;
+    *predicted = *decrease;
+    std::vector<Pose> next = poses_;
+    for (size_t i = 0; i < poses_.size(); ++i) {
+      if (block_[i] < 0) continue;
+      manifold_->Plus(poses_[i].data(), step.data() + block_[i] * kTangent, next[i].data());
+    }
+    return next;
+  }
+
+  const PoseGraphSolverOptions& options_;
+  Graph& graph_;
+  const std::unique_ptr<ceres::Manifold> manifold_;
+  std::vector<Pose> poses_;
+  std::vector<int> block_;  // of a node; -1 if it is held
+  int blocks_ = 0;
+  std::vector<std::unique_ptr<ceres::CostFunction>> costs_;  // parallel to the edges
+  std::vector<std::pair<int, int>> pairs_;
+};
 
 template <typename Traits>
 StatusOr<PoseGraphSummary> Solve(const PoseGraphSolverOptions& options,
@@ -187,7 +285,7 @@ StatusOr<PoseGraphSummary> Solve(const PoseGraphSolverOptions& options,
       graph = std::move(chordal);
     }
   }
-  summary.iterations = Minimize<Traits>(options, anchors, graph);
+  summary.iterations = Minimizer<Traits>(options, anchors, &graph).Run();
   summary.final_chi2 = Chi2(graph);
   summary.seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start_time).count();
@@ -198,7 +296,6 @@ StatusOr<PoseGraphSummary> Solve(const PoseGraphSolverOptions& options,
 
 Status PoseGraphSolverOptions::Validate() const {
   if (max_iterations < 1) return absl::InvalidArgumentError("max_iterations must be positive");
-  if (threads < 1) return absl::InvalidArgumentError("threads must be positive");
   return absl::OkStatus();
 }
 

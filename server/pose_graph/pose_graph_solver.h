@@ -13,8 +13,6 @@ struct PoseGraphSolverOptions {
   // Also start from the chordal solution and keep the better end: the poses in the file may lead
   // into a local minimum.
   bool chordal_start = true;
-  // Threads of the linear algebra.
-  int threads = 1;
 
   Status Validate() const;
 };

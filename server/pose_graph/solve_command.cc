@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kHelp[] =
     "usage: portolan solve FILE.g2o [--output OUT.g2o] [--tum OUT.tum] [--no-chordal]\n"
-    "                      [--max-iterations N] [--threads N]\n"
+    "                      [--max-iterations N]\n"
     "\n"
     "Solves a pose graph (VERTEX_SE3:QUAT and EDGE_SE3:QUAT, or VERTEX_SE2 and EDGE_SE2; FIX)\n"
     "with the server's solver and prints chi2 = sum of e' * information * e, without the factor\n"
@@ -21,8 +21,7 @@ constexpr char kHelp[] =
     "  --output FILE        write the solved graph\n"
     "  --tum FILE           write the solved poses as a TUM trajectory, node id as the time\n"
     "  --no-chordal         start only from the poses of the file\n"
-    "  --max-iterations N   Levenberg-Marquardt iterations at most (200)\n"
-    "  --threads N          threads of the linear algebra (1)\n";
+    "  --max-iterations N   Levenberg-Marquardt iterations at most (200)\n";
 
 struct Arguments {
   std::string input, output, tum;
@@ -50,8 +49,6 @@ StatusOr<Arguments> Parse(std::span<const std::string> args) {
       parsed.tum = value;
     } else if (arg == "--max-iterations") {
       parsed.solver.max_iterations = std::atoi(value.c_str());
-    } else if (arg == "--threads") {
-      parsed.solver.threads = std::atoi(value.c_str());
     } else {
       return absl::InvalidArgumentError("unknown option " + arg);
     }
