@@ -244,7 +244,7 @@ void MapAligner::UniteMatches(const Closure& closure) {
 
 void MapAligner::AdjustAround(SubmapId id) {
   if (model_.submap(id).quarantined()) return;
-  if (IsLarge(model_.submap(id).component)) {
+  if (model_.submaps().size() > static_cast<size_t>(options_.full_component_submaps)) {
     PlaceSubmap(id);
     return;
   }

@@ -4,6 +4,9 @@
 //   replay_benchmark [--submaps 1000] [--agents 100] [--visits 3] [--seed 1]
 //                    [--background_ms 0]   background work after each submap, interrupted then
 //                    [--polish]            background work to its end, at the end
+//                    [--rebuild]           the same from the raw submaps once more
+#include <time.h>
+
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -28,6 +31,13 @@ using Clock = std::chrono::steady_clock;
 
 double MillisecondsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+// Time that this thread computed; unlike the wall clock, the same on a busy machine.
+double ThreadMilliseconds() {
+  timespec time{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return 1e3 * static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_nsec);
 }
 
 double Quantile(std::vector<double> values, double share) {
@@ -71,20 +81,17 @@ class Replay {
                                        static_cast<uint64_t>(flags.at("seed")))),
         builder_(std::move(MapBuilder::Create({})).value()) {}
 
-  void Run(bool polish) {
+  void Run(bool polish, bool rebuild) {
     std::printf(
-        "submaps | integrate ms median p95 max | refine link recognise verify align fuse | "
-        "background ms | components closures | ATE mm of submaps | RSS MB | box us nearest us\n");
+        "submaps | integrate wall ms median p95 max | CPU ms median p95 | wall ms refine link "
+        "recognise verify align fuse | background ms a step, to its interrupt p95 | components "
+        "closures | ATE mm | RSS MB | index CPU ms\n");
     for (int i = 1; i <= submaps_; ++i) {
       Integrate(i);
       if (i == submaps_ || i == 100 || i == 300 || i == 1000 || i == 3000) Report(i);
     }
-    if (!polish) return;
-    const Clock::time_point start = Clock::now();
-    const std::atomic<bool> never = false;
-    while (builder_->HasBackgroundWork()) builder_->RunBackgroundWork(never);
-    std::printf("polished in %.1f s\n", MillisecondsSince(start) / 1000);
-    Report(submaps_);
+    if (polish) Polish(builder_.get());
+    if (rebuild) Rebuild();
   }
 
  private:
@@ -92,10 +99,36 @@ class Replay {
     ReplaySubmap submap = fleet_.Next();
     truth_.push_back(std::move(submap.world_from_camera));
     const Clock::time_point start = Clock::now();
+    const double cpu_start = ThreadMilliseconds();
     builder_->IntegrateSubmap({SubmapId(number), std::move(submap.submap), fleet_.camera()});
     integrate_ms_.push_back(MillisecondsSince(start));
+    cpu_ms_.push_back(ThreadMilliseconds() - cpu_start);
     if (background_ms_ > 0) background_.push_back(RunBackground(builder_.get(), background_ms_));
+    const double index_start = ThreadMilliseconds();
     index_ = LandmarkIndex::Build(builder_->snapshot(), index_.get());
+    index_ms_ = ThreadMilliseconds() - index_start;
+  }
+
+  void Polish(MapBuilder* builder) {
+    const Clock::time_point start = Clock::now();
+    const std::atomic<bool> never = false;
+    int steps = 0;
+    for (; builder->HasBackgroundWork(); ++steps) builder->RunBackgroundWork(never);
+    const MapError error = ErrorOf(*builder->snapshot(), truth_);
+    std::printf("polished in %d steps, %.1f s: ATE %.1f mm of %d submaps, %d components\n", steps,
+                MillisecondsSince(start) / 1000, 1000 * error.ate_m, error.submaps,
+                error.components);
+  }
+
+  // As `portolan-server --rebuild` does: all raw submaps once more, background work at the end.
+  void Rebuild() {
+    const auto builder = std::move(MapBuilder::Create({})).value();
+    for (const auto& state : builder_->snapshot()->submaps) {
+      builder->IntegrateSubmap(
+          {state->refined->id, state->refined->raw, state->refined->camera, state->refined});
+    }
+    std::printf("rebuilt; ");
+    Polish(builder.get());
   }
 
   static double MeanMs(const StageTime& now, const StageTime& before) {
@@ -107,19 +140,23 @@ class Replay {
     const size_t recent = std::min<size_t>(integrate_ms_.size(), std::max(50, number / 10));
     const std::vector<double> last(integrate_ms_.end() - static_cast<std::ptrdiff_t>(recent),
                                    integrate_ms_.end());
-    const StageTimes& now = builder_->stage_times();
+    const std::vector<double> last_cpu(cpu_ms_.end() - static_cast<std::ptrdiff_t>(recent),
+                                       cpu_ms_.end());
+    const StageTimes now = builder_->stage_times();
     const auto snapshot = builder_->snapshot();
     const MapError error = ErrorOf(*snapshot, truth_);
     std::printf(
-        "%6d | %6.1f %6.1f %7.1f | %5.1f %5.2f %5.1f %6.1f %6.1f %5.1f | %6.1f %6.1f | %4d %6zu | "
-        "%8.1f of %5d (%d quarantined, %.0f m) | %6.0f\n",
+        "%6d | %6.1f %6.1f %7.1f | %6.1f %6.1f | %5.1f %5.2f %5.1f %6.1f %6.1f %5.1f | %6.1f %6.1f "
+        "| %4d %6zu | "
+        "%8.1f of %5d (%d quarantined, %.0f m) | %6.0f | %5.2f\n",
         number, Quantile(last, 0.5), Quantile(last, 0.95), Quantile(last, 1),
-        MeanMs(now.refine, before_.refine), MeanMs(now.link, before_.link),
-        MeanMs(now.recognise, before_.recognise), MeanMs(now.verify, before_.verify),
-        MeanMs(now.align, before_.align), MeanMs(now.fuse, before_.fuse),
-        MeanMs(now.background, before_.background), Quantile(background_, 0.95), error.components,
-        snapshot->closures->size(), 1000 * error.ate_m, error.submaps, error.quarantined,
-        error.path_m, ProcessMemoryMb("self", "VmRSS"));
+        Quantile(last_cpu, 0.5), Quantile(last_cpu, 0.95), MeanMs(now.refine, before_.refine),
+        MeanMs(now.link, before_.link), MeanMs(now.recognise, before_.recognise),
+        MeanMs(now.verify, before_.verify), MeanMs(now.align, before_.align),
+        MeanMs(now.fuse, before_.fuse), MeanMs(now.background, before_.background),
+        Quantile(background_, 0.95), error.components, snapshot->closures->size(),
+        1000 * error.ate_m, error.submaps, error.quarantined, error.path_m,
+        ProcessMemoryMb("self", "VmRSS"), index_ms_);
     std::fflush(stdout);
     before_ = now;
     background_.clear();
@@ -132,7 +169,9 @@ class Replay {
   std::shared_ptr<const LandmarkIndex> index_;
   std::vector<std::vector<Rigid3>> truth_;
   std::vector<double> integrate_ms_;
+  std::vector<double> cpu_ms_;
   std::vector<double> background_;
+  double index_ms_ = 0;
   StageTimes before_;
 };
 
@@ -143,10 +182,13 @@ int main(int argc, char** argv) {
   std::map<std::string, double> flags = {
       {"submaps", 1000}, {"agents", 100}, {"visits", 3}, {"seed", 1}, {"background_ms", 0}};
   bool polish = false;
+  bool rebuild = false;
   for (int i = 1; i < argc; ++i) {
     const std::string name = std::string(argv[i]).substr(0, 2) == "--" ? argv[i] + 2 : "";
     if (name == "polish") {
       polish = true;
+    } else if (name == "rebuild") {
+      rebuild = true;
     } else if (flags.contains(name) && i + 1 < argc) {
       flags[name] = std::stod(argv[++i]);
     } else {
@@ -154,6 +196,6 @@ int main(int argc, char** argv) {
       return 2;
     }
   }
-  portolan::Replay(flags).Run(polish);
+  portolan::Replay(flags).Run(polish, rebuild);
   return 0;
 }
