@@ -31,6 +31,8 @@ void AddFilter(FilterOptions* options, OptionSection section) {
               "landmarks in the state; bounds the cost of a frame");
   section.Add("inverse_depth_sigma_ratio", &options->inverse_depth_sigma_ratio, "",
               "sigma of a new inverse depth over its mean; 0.5 puts infinity at two sigma");
+  section.Add("relative_inverse_depth_sigma_ratio", &options->relative_inverse_depth_sigma_ratio,
+              "", "the same relative to landmarks of known depth");
   section.Add("linearity_threshold", &options->linearity_threshold, "",
               "linearity index below which a landmark becomes Euclidean");
   section.AddChoice("inlier_selection", &options->inlier_selection,

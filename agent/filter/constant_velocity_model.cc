@@ -72,6 +72,11 @@ void ConstantVelocityModel::CorrectRest(const Eigen::Ref<const Eigen::VectorXd>&
   angular_velocity_ += error.segment<3>(kAngular);
 }
 
+void ConstantVelocityModel::FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const {
+  direction.segment<3>(kPosition) = -submap_from_body().translation;
+  direction.segment<3>(kLinear) = -linear_velocity_;
+}
+
 void ConstantVelocityModel::RebaseRest(MotionMatrix* d_new_d_old) {
   // v' = R'v with R Exp(e): v' moves by [R'v]x e.
   const Eigen::Matrix3d new_from_old = submap_from_camera().rotation.toRotationMatrix().transpose();

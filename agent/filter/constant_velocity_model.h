@@ -11,7 +11,7 @@ namespace portolan {
 struct ConstantVelocityOptions {
   // Density of the white linear acceleration in scene depths, 1/s/sqrt(s): over a frame of dt
   // seconds the velocity wanders by this times sqrt(dt) median landmark distances a second.
-  double linear_acceleration = 0.8;
+  double linear_acceleration = 0.4;
   // Of the angular acceleration, rad/s/sqrt(s). At 30 Hz 1.2 gives 0.22 rad/s a frame, which a
   // hand-held camera reaches.
   double angular_acceleration = 1.2;
@@ -36,6 +36,7 @@ class ConstantVelocityModel : public MotionModel {
   bool Predict(Timestamp time, double scene_depth, MotionMatrix* transition,
                MotionMatrix* noise) override;
   void CorrectRest(const Eigen::Ref<const Eigen::VectorXd>& error) override;
+  void FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const override;
   void RebaseRest(MotionMatrix* d_new_d_old) override;
   Eigen::Vector3d linear_velocity() const override { return linear_velocity_; }
   Eigen::Vector3d angular_velocity_rad_s() const override { return angular_velocity_; }

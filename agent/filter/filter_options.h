@@ -23,11 +23,20 @@ struct FilterOptions {
 
   // Inverse depth of the first landmarks, in 1/unit, which fixes the unit of a monocular map.
   double first_inverse_depth = 1.0;
-  // Sigma of a new inverse depth over its mean; 0.5 puts infinity at two sigma (Civera 2008).
+  // Sigma of the first inverse depths over their mean; 0.5 puts infinity at two sigma (Civera
+  // 2008).
   double inverse_depth_sigma_ratio = 0.5;
+  // The same once landmarks of known depth are in the state: a new one takes their mean inverse
+  // depth, error included, so that its prior says nothing about the scale. A prior that is
+  // independent of the state would be one more measurement of the scale with every landmark, and
+  // wrong in the same sense each time.
+  double relative_inverse_depth_sigma_ratio = 1.2;
+  // Landmarks with less than this relative error of the inverse depth count as known.
+  double known_depth_sigma_ratio = 0.25;
+  int min_known_depths = 5;
   // A landmark becomes Euclidean when 4 sigma_d / d |cos alpha| falls below this (Civera 2008,
-  // Eq. 34 and Sec. VI: 0.1).
-  double linearity_threshold = 0.1;
+  // Eq. 34 and Sec. VI: 0.1). Half of that drifts less in scale.
+  double linearity_threshold = 0.05;
   // A landmark whose inverse depth is negative by more than this many sigmas is dropped; less is
   // taken for a point at infinity.
   double negative_depth_sigmas = 3.0;

@@ -137,7 +137,7 @@ int FilterState::AddAnchor() {
 }
 
 void FilterState::AddRay(const NewRay& ray, int anchor, double pixel_variance,
-                         double inverse_depth_variance) {
+                         double inverse_depth_variance, const Eigen::RowVectorXd& d_depth_d_state) {
   const int n = dim();
   Landmark landmark = ray.landmark;
   landmark.anchor = anchor;
@@ -152,7 +152,14 @@ void FilterState::AddRay(const NewRay& ray, int anchor, double pixel_variance,
   rows.topLeftCorner(2, n).noalias() = d_ray_d_pose * covariance_.topRows<6>().leftCols(n);
   rows.block<2, 2>(0, n) = rows.topLeftCorner<2, 6>() * d_ray_d_pose.transpose() +
                            pixel_variance * ray.d_ray_d_pixel * ray.d_ray_d_pixel.transpose();
-  rows(2, n + 2) = inverse_depth_variance;
+  const auto m = d_depth_d_state.size();
+  if (m > 0) {
+    rows.block(2, 0, 1, n).noalias() = d_depth_d_state * covariance_.topLeftCorner(m, n);
+    rows.block<2, 1>(0, n + 2).noalias() = rows.topLeftCorner(2, m) * d_depth_d_state.transpose();
+    rows.block<1, 2>(2, n) = rows.block<2, 1>(0, n + 2).transpose();
+    rows(2, n + 2) = rows.row(2).head(m).dot(d_depth_d_state);
+  }
+  rows(2, n + 2) += inverse_depth_variance;
   MirrorRows(n);
 }
 
@@ -262,6 +269,32 @@ Rigid3 FilterState::Rebase() {
     ++anchors_[0].users;
   }
   return old_from_new;
+}
+
+void FilterState::FixScale(const Eigen::RowVectorXd& d_log) {
+  // By the logarithm of all inverse lengths.
+  Eigen::VectorXd direction = Eigen::VectorXd::Zero(dim());
+  motion_->FillScaleDirection(direction.head(motion_dim_));
+  for (const Landmark& landmark : landmarks_) {
+    if (landmark.euclidean) {
+      direction.segment<3>(Offset(landmark)) = -landmark.point_in_submap;
+    } else {
+      direction[Offset(landmark) + 2] = landmark.inverse_depth;
+    }
+  }
+  for (const Anchor& anchor : anchors_) {
+    if (anchor.users == 0 || anchor.block == kFixed) continue;
+    direction.segment<3>(BlockOffset(anchor.block)) = -anchor.position_in_submap;
+  }
+  direction /= d_log.dot(direction);
+  // P' = T P T' with T = I - direction d_log.
+  const Eigen::VectorXd column = covariance() * d_log.transpose();
+  const double variance = d_log.dot(column);
+  auto p = covariance();
+  p.noalias() -= direction * column.transpose();
+  p.noalias() -= column * direction.transpose();
+  p.noalias() += variance * direction * direction.transpose();
+  p = (0.5 * (p + p.transpose())).eval();
 }
 
 void FilterState::ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change) {

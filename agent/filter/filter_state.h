@@ -42,13 +42,20 @@ class FilterState {
   // Opens an anchor at the camera's position; rays are added to it by AddRay. An anchor that no
   // ray uses is dropped by the caller with ReleaseUnusedAnchor.
   int AddAnchor();
-  void AddRay(const NewRay& ray, int anchor, double pixel_variance, double inverse_depth_variance);
+  // The inverse depth's error is d_depth_d_state (of a leading part of the state; may be empty)
+  // times the state's, plus an own one of the given variance.
+  void AddRay(const NewRay& ray, int anchor, double pixel_variance, double inverse_depth_variance,
+              const Eigen::RowVectorXd& d_depth_d_state = Eigen::RowVectorXd());
   void ReleaseUnusedAnchor(int anchor);
   void RemoveLandmark(int index);
   // Turns a ray into a point.
   void ConvertToEuclidean(int index);
   // The camera becomes the submap frame; no anchors remain. Returns old_from_new.
   Rigid3 Rebase();
+  // Chooses the unit of length such that the quantity whose derivative is given is exactly known:
+  // errors become those left after scaling the whole state (an S-transformation). The estimate
+  // does not change. d_log: 1 for a common growth of all inverse lengths.
+  void FixScale(const Eigen::RowVectorXd& d_log);
   // Another motion model; landmarks and covariance are carried over in the new units.
   void ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change);
   // Another motion model with nothing carried over; to be followed by Start.

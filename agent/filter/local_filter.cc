@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "agent/filter/constant_velocity_model.h"
+#include "agent/filter/known_depths.h"
 #include "common/base/check.h"
 
 namespace portolan {
@@ -247,19 +248,39 @@ void LocalFilter::UpdateMedianInverseDepth() {
   if (*middle > 1e-3 * median_inverse_depth_) median_inverse_depth_ = *middle;
 }
 
+void LocalFilter::FixScale() {
+  if (state_.motion().metric()) return;
+  const MeanDepth mean = MeanOfKnownDepths(state_, options_.known_depth_sigma_ratio);
+  if (mean.count >= options_.min_known_depths) state_.FixScale(mean.d_log_d_state);
+}
+
+LocalFilter::DepthPrior LocalFilter::PriorOfNewLandmarks() const {
+  const MeanDepth mean = MeanOfKnownDepths(state_, options_.known_depth_sigma_ratio);
+  DepthPrior prior;
+  if (mean.count < options_.min_known_depths) {
+    prior.inverse_depth = median_inverse_depth_;
+    prior.sigma = options_.inverse_depth_sigma_ratio * prior.inverse_depth;
+    return prior;
+  }
+  prior.inverse_depth = std::exp(mean.log_inverse_depth);
+  prior.sigma = options_.relative_inverse_depth_sigma_ratio * prior.inverse_depth;
+  prior.d_depth_d_state = prior.inverse_depth * mean.d_log_d_state;
+  return prior;
+}
+
 int LocalFilter::AddLandmarks(std::span<const Measurement> measurements) {
-  const double inverse_depth = median_inverse_depth_;
-  const double sigma = options_.inverse_depth_sigma_ratio * inverse_depth;
+  const DepthPrior prior = PriorOfNewLandmarks();
   const Eigen::Quaterniond rotation = submap_from_camera().rotation;
   int anchor = -1, added = 0;
   for (const Measurement& measurement : measurements) {
     if (state_.full()) break;
     if (HasLandmark(measurement.track) || !measurement.pixel.allFinite()) continue;
     const auto ray =
-        MakeRay(measurement.track, measurement.pixel, inverse_depth, rotation, camera_);
+        MakeRay(measurement.track, measurement.pixel, prior.inverse_depth, rotation, camera_);
     if (!ray.has_value()) continue;
     if (anchor < 0) anchor = state_.AddAnchor();
-    state_.AddRay(*ray, anchor, PixelVariance(measurement), sigma * sigma);
+    state_.AddRay(*ray, anchor, PixelVariance(measurement), prior.sigma * prior.sigma,
+                  prior.d_depth_d_state);
     ++added;
   }
   return added;
@@ -279,7 +300,9 @@ void LocalFilter::RemoveLandmarks(std::span<const TrackId> tracks) {
 
 Rigid3 LocalFilter::BeginSubmap() {
   noise_is_fresh_ = false;
-  return state_.Rebase();
+  const Rigid3 old_from_new = state_.Rebase();
+  FixScale();
+  return old_from_new;
 }
 
 Matrix6d LocalFilter::pose_covariance() const {

@@ -106,6 +106,16 @@ class LocalFilter {
   double UpdateWithUsed(int first, const Eigen::VectorXd* start = nullptr);
   // Drops impossible depths and converts the rays whose depth has become linear.
   void MaintainLandmarks(UpdateResult* result);
+  // Where new landmarks start; see FilterOptions.
+  struct DepthPrior {
+    double inverse_depth = 0;
+    double sigma = 0;
+    Eigen::RowVectorXd d_depth_d_state;
+  };
+  DepthPrior PriorOfNewLandmarks() const;
+  // Makes the mean of the known depths the exact unit of length, unless there is a metric one. Not
+  // at the start, where the scale must give way to what the first, nonlinear frames got wrong.
+  void FixScale();
   void UpdateMedianInverseDepth();
   double PixelVariance(const Measurement& measurement) const;
   void RecordStatistics(const UpdateResult& result);

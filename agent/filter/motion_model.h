@@ -43,6 +43,12 @@ class MotionModel {
   // Jacobian of the new error by the old below the pose (the pose's rows are zero).
   virtual void RebaseRest(MotionMatrix* d_new_d_old) = 0;
 
+  // Derivative of the motion errors by the logarithm of all inverse lengths.
+  // Of a metric model it is not asked for.
+  virtual void FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const {
+    direction.setZero();
+  }
+
   // In the submap frame, units per second.
   virtual Eigen::Vector3d linear_velocity() const = 0;
   // In the camera frame.

@@ -77,7 +77,9 @@ TEST(LocalFilter, ConvergesUpToScaleWhenDriving) {
 
 TEST(LocalFilter, ConvertsToPointsOnceDepthIsKnown) {
   PointWorld world({}, MakeTestCamera(), SwayingTrajectory(0.3, 0.2, 3));
-  auto filter = MakeFilter();
+  FilterOptions options;
+  options.linearity_threshold = 0.1;
+  auto filter = MakeFilter(options);
   world.Start(filter.get());
   for (const LandmarkEstimate& l : filter->Landmarks()) EXPECT_FALSE(l.euclidean);
   for (int i = 0; i < 60; ++i) world.Step(filter.get());

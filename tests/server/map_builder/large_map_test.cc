@@ -1,0 +1,135 @@
+// The work in large components, which is bounded to regions, on worlds small enough to compare
+// with the solution of the whole: the limit above which a component is large is set to a few.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <map>
+#include <set>
+
+#include "tests/support/replay_fleet.h"
+#include "tests/support/synthetic_map.h"
+
+namespace portolan {
+namespace {
+
+std::unique_ptr<MapBuilder> LargeBuilder() {
+  MapBuilderOptions options;
+  options.aligner.full_component_submaps = 3;
+  options.aligner.region_submaps = 6;
+  return std::move(MapBuilder::Create(options)).value();
+}
+
+SyntheticSubmapsOptions ThreeOnACircle() {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 2.6, 5, 1.5}, {2.0, 4.6, 5, 1.4}, {4.0, 6.9, 5, 1.6}};
+  return options;
+}
+
+TEST(LargeMap, RegionsGetAsExactAsTheWhole) {
+  const SyntheticMission mission = MakeSyntheticMission(ThreeOnACircle());
+  const auto whole = std::move(MapBuilder::Create({})).value();
+  const auto regions = LargeBuilder();
+  for (MapBuilder* builder : {whole.get(), regions.get()}) {
+    IntegrateMission(mission, 0, 99, false, builder);
+    Polish(builder);
+    ASSERT_EQ(builder->snapshot()->components.size(), 1u);
+  }
+  const double rms = KeyframeRms(mission, *whole->snapshot(), ComponentId(1));
+  EXPECT_LT(KeyframeRms(mission, *regions->snapshot(), ComponentId(1)), 1.5 * rms + 0.003);
+}
+
+TEST(LargeMap, LoopIsClosedByTheRegionThatItAffects) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 6.8, 10, 1.5}};
+  options.drift_rotation_rad = 0.003;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto builder = LargeBuilder();
+  IntegrateMission(mission, 0, 99, false, builder.get());
+  EXPECT_GE(builder->snapshot()->closures->size(), 1u);
+  EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.03);
+  Polish(builder.get());
+  EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.015);
+}
+
+TEST(LargeMap, InterruptionLosesNothing) {
+  const SyntheticMission mission = MakeSyntheticMission(ThreeOnACircle());
+  const auto builder = LargeBuilder();
+  IntegrateMission(mission, 0, 99, false, builder.get());
+  const double before = KeyframeRms(mission, *builder->snapshot(), ComponentId(1));
+  const std::atomic<bool> interrupted = true;
+  for (int i = 0; i < 5; ++i) builder->RunBackgroundWork(interrupted);
+  EXPECT_TRUE(builder->HasBackgroundWork());
+  EXPECT_LE(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 1.01 * before);
+  Polish(builder.get());
+  EXPECT_FALSE(builder->HasBackgroundWork());
+  EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.015);
+}
+
+std::map<LandmarkId, LandmarkSight> OldestSights(const MapSnapshot& snapshot) {
+  std::map<LandmarkId, LandmarkSight> sights;
+  for (const auto& state : snapshot.submaps) {
+    for (const FusedLandmark& landmark : state->landmarks) {
+      EXPECT_TRUE(sights.emplace(landmark.id, landmark.sights.front()).second);
+      EXPECT_EQ(landmark.id, LandmarkIdOf(landmark.sights.front()));
+      EXPECT_EQ(landmark.sights.front().submap, state->refined->id);
+    }
+  }
+  return sights;
+}
+
+TEST(LargeMap, LandmarkIsOneAndKeepsItsId) {
+  const SyntheticMission mission = MakeSyntheticMission(ThreeOnACircle());
+  const auto builder = LargeBuilder();
+  IntegrateMission(mission, 0, 99, false, builder.get());
+  const auto before = OldestSights(*builder->snapshot());
+  std::set<LandmarkSight> seen;
+  for (const auto& state : builder->snapshot()->submaps) {
+    for (const FusedLandmark& landmark : state->landmarks) {
+      for (const LandmarkSight& sight : landmark.sights) EXPECT_TRUE(seen.insert(sight).second);
+    }
+  }
+  Polish(builder.get());
+  const auto after = OldestSights(*builder->snapshot());
+  size_t kept = 0;
+  for (const auto& [id, sight] : before) kept += after.contains(id) ? 1 : 0;
+  EXPECT_GT(kept, before.size() * 95 / 100);
+}
+
+TEST(LargeMap, SnapshotSharesWhatDidNotChange) {
+  const SyntheticMission mission = MakeSyntheticMission(ThreeOnACircle());
+  const auto builder = LargeBuilder();
+  IntegrateMission(mission, 0, 14, false, builder.get());
+  const auto before = builder->snapshot();
+  IntegrateMission(mission, 14, 15, false, builder.get());
+  const auto after = builder->snapshot();
+  ASSERT_EQ(after->submaps.size(), 15u);
+  size_t shared = 0;
+  for (size_t i = 0; i < before->submaps.size(); ++i) {
+    shared += before->submaps[i] == after->submaps[i] ? 1 : 0;
+  }
+  EXPECT_GE(shared, 3u);
+}
+
+TEST(ReplayFleet, RepeatsAndContinuesTracks) {
+  const ReplayFleetOptions options = ReplayFleetOptions::For(20, 2, 1, 5);
+  ReplayFleet first(options), second(options);
+  std::map<int, Keyframe> last;
+  for (int i = 0; i < 6; ++i) {
+    const ReplaySubmap a = first.Next();
+    const ReplaySubmap b = second.Next();
+    ASSERT_EQ(a.submap->keyframes.size(), 16u);
+    EXPECT_EQ(a.submap->keyframes[3].observations[0].pixel,
+              b.submap->keyframes[3].observations[0].pixel);
+    EXPECT_GT(a.submap->keyframes[3].observations.size(), 60u);
+    if (last.contains(a.agent)) {
+      EXPECT_EQ(a.submap->link, LinkType::kConnected);
+      ASSERT_EQ(a.submap->keyframes[0].observations.size(), last[a.agent].observations.size());
+      EXPECT_EQ(a.submap->keyframes[0].observations[0].track, last[a.agent].observations[0].track);
+    }
+    last[a.agent] = a.submap->keyframes.back();
+  }
+}
+
+}  // namespace
+}  // namespace portolan
