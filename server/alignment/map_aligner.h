@@ -42,12 +42,16 @@ struct MapAlignerOptions {
   int local_iterations = 10;
   // Components up to this size are solved as a whole: the graph at every closure, the bundle
   // adjustment in the background. In larger ones the work at a submap is bounded: closures that
-  // agree with the map are accepted as they are, others solve the region they affect, a new submap
-  // is adjusted alone to the landmarks that are there, and the background adjusts regions. A
+  // agree with the map are accepted as they are, others solve the region they affect, and the
+  // background adjusts regions. In a map of more submaps, in whatever components, a new one is
+  // adjusted alone to the landmarks that are there. A
   // background step on this many submaps takes about a second (how long a new submap may wait).
   int full_component_submaps = 80;
   // Submaps that the background moves at once in a larger component.
   int region_submaps = 10;
+  // A large component of no more submaps than this is adjusted as a whole once all its regions
+  // are: regions, their surroundings held, leave errors of long wavelength.
+  int polished_component_submaps = 300;
   // A closure that contradicts the map moves the submaps about its ends: so many at first, then
   // four times as many while the strain reaches the rim, up to the second number.
   int loop_region_submaps = 60;
@@ -81,7 +85,9 @@ class MapAligner {
   // the submap alone.
   void AdjustAround(SubmapId id);
 
-  bool HasBackgroundWork() const { return !stale_.empty() || !restless_.empty(); }
+  bool HasBackgroundWork() const {
+    return !stale_.empty() || !restless_.empty() || !unpolished_.empty();
+  }
   // Full adjustment of the component that waits longest, those with new closures first, or, in a
   // large component, of the region that does; then takes back closures that did not survive it.
   // Interrupted, it keeps what it gained.
@@ -144,6 +150,7 @@ class MapAligner {
   std::vector<SubmapId> RegionAround(const std::vector<SubmapId>& seeds, size_t count) const;
   void PlaceSubmap(SubmapId id);
   void AdjustRegion(const std::atomic<bool>& interrupt);
+  void PolishLargeComponent(const std::atomic<bool>& interrupt);
   void TakeBackFailed(const std::vector<SubmapId>& region);
   void SeparateMatches(const Closure& closure);
   void TouchLandmark(const LandmarkSight& sight);
@@ -166,6 +173,8 @@ class MapAligner {
   std::map<ComponentId, int> stale_;
   // Urgency by submap, in large components.
   std::map<SubmapId, int> restless_;
+  // Large components whose regions were adjusted since the whole was.
+  std::set<ComponentId> unpolished_;
   // Size of a large component when its scale and vertical were last checked.
   std::map<ComponentId, size_t> metric_checked_size_;
   std::set<SubmapId> touched_;

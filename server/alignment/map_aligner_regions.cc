@@ -15,9 +15,20 @@ constexpr double kMaxRimChi2 = 1.0;
 // Relative movement (of the submap's scale and of its distance in units of its own size) under
 // which a solved submap has not moved.
 constexpr double kMinMovement = 1e-4;
+// ... and above which its neighbours are adjusted again.
+constexpr double kRestlessMovement = 1e-3;
 
 Matrix7d InformationOf(const Matrix7d& covariance) {
   return covariance.llt().solve(Matrix7d::Identity());
+}
+
+// Of a submap to a new place, relative to its own size.
+double Movement(const ModelSubmap& submap, const Similarity3& world_from_submap) {
+  const double size =
+      (submap.world_from_camera.back().translation - submap.world_from_submap.translation).norm();
+  const Vector7d step = (submap.world_from_submap.Inverse() * world_from_submap).Log();
+  return std::max({step.head<3>().norm() * submap.world_from_submap.scale / std::max(size, 1e-9),
+                   step.segment<3>(3).norm(), std::abs(step[6])});
 }
 
 double Chi2Of(const Relation& relation, const RelationGraph& graph) {
@@ -134,12 +145,7 @@ void MapAligner::MoveRegion(const std::vector<SubmapId>& region,
                             const std::vector<Similarity3>& world_from_submap) {
   for (size_t i = 0; i < region.size(); ++i) {
     const ModelSubmap& submap = model_.submap(region[i]);
-    const double size = std::max(
-        (submap.world_from_camera.back().translation - submap.world_from_submap.translation).norm(),
-        1e-9);
-    const Vector7d step = (submap.world_from_submap.Inverse() * world_from_submap[i]).Log();
-    const double movement = std::max({step.head<3>().norm() * submap.world_from_submap.scale / size,
-                                      step.segment<3>(3).norm(), std::abs(step[6])});
+    const double movement = Movement(submap, world_from_submap[i]);
     if (movement < kMinMovement) continue;
     model_.MoveSubmap(region[i], world_from_submap[i]);
     touched_.insert(region[i]);
@@ -185,7 +191,10 @@ void MapAligner::PlaceSubmap(SubmapId id) {
 }
 
 void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
-  if (restless_.empty()) return;
+  if (restless_.empty()) {
+    PolishLargeComponent(interrupt);
+    return;
+  }
   const SubmapId seed =
       std::max_element(restless_.begin(), restless_.end(), [](const auto& a, const auto& b) {
         return a.second < b.second;
@@ -198,8 +207,16 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   }
   std::vector<SubmapId> region = RegionAround({seed}, options_.region_submaps);
   std::sort(region.begin(), region.end());
+  std::vector<Similarity3> before;
+  for (const SubmapId id : region) before.push_back(model_.submap(id).world_from_submap);
   last_adjustment_ = AdjustMap(options_.adjuster, region, 2, &interrupt, &model_);
-  for (const SubmapId id : region) {
+  for (size_t i = 0; i < region.size(); ++i) {
+    const SubmapId id = region[i];
+    if (Movement(model_.submap(id), before[i]) > kRestlessMovement) {
+      for (const SubmapId name : relations_.NeighbourNames(model_, id)) {
+        if (!std::binary_search(region.begin(), region.end(), name)) MarkStale(name, 1);
+      }
+    }
     touched_.insert(id);
     const ModelSubmap& submap = model_.submap(id);
     if (submap.link) touched_.insert(submap.link->a);
@@ -211,7 +228,25 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   for (const SubmapId name : relations_.NeighbourNames(model_, seed)) {
     if (std::binary_search(region.begin(), region.end(), name)) restless_.erase(name);
   }
+  if (model_.SizeOf(component) <= static_cast<size_t>(options_.polished_component_submaps)) {
+    unpolished_.insert(component);
+  }
   TakeBackFailed(region);
+}
+
+void MapAligner::PolishLargeComponent(const std::atomic<bool>& interrupt) {
+  if (unpolished_.empty()) return;
+  const ComponentId component = *unpolished_.begin();
+  const std::vector<SubmapId> ids = model_.SubmapsOf(component);
+  if (ids.empty() || ids.size() > static_cast<size_t>(options_.polished_component_submaps)) {
+    unpolished_.erase(component);
+    return;
+  }
+  last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_);
+  Touch(ids);
+  if (last_adjustment_.summary.interrupted) return;
+  unpolished_.erase(component);
+  TakeBackFailed(ids);
 }
 
 void MapAligner::TakeBackFailed(const std::vector<SubmapId>& region) {
