@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "agent/imu/gyro_motion_model.h"
 #include "common/base/check.h"
 #include "common/base/logging.h"
 
@@ -42,6 +43,11 @@ Status ImuOptions::Validate() const {
   return initializer.Validate();
 }
 
+Status OdometryOptions::Validate() const {
+  PORTOLAN_RETURN_IF_ERROR(buffer.Validate());
+  return model.Validate();
+}
+
 Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(tracker.Validate());
   PORTOLAN_RETURN_IF_ERROR(filter.Validate());
@@ -51,6 +57,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(submap.Validate());
   PORTOLAN_RETURN_IF_ERROR(health.Validate());
   PORTOLAN_RETURN_IF_ERROR(imu.Validate());
+  PORTOLAN_RETURN_IF_ERROR(odometry.Validate());
   if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
     return absl::InvalidArgumentError("min_tracks_share must be within 0 and 1");
   }
@@ -59,37 +66,57 @@ Status AgentOptions::Validate() const {
 
 StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options,
                                                const CameraModel& camera, AgentId agent,
-                                               SessionId session,
-                                               const std::optional<ImuMount>& imu) {
+                                               SessionId session, const MotionSensors& sensors) {
   PORTOLAN_RETURN_IF_ERROR(options.Validate());
+  if (sensors.imu && sensors.body_from_camera) {
+    return absl::InvalidArgumentError("an agent takes an IMU or wheel odometry, not both");
+  }
   PORTOLAN_ASSIGN_OR_RETURN(auto tracker, Tracker::Create(options.tracker, camera));
   PORTOLAN_ASSIGN_OR_RETURN(
       auto filter, LocalFilter::Create(options.filter, camera,
                                        std::make_unique<ConstantVelocityModel>(options.motion)));
   return std::unique_ptr<Agent>(new Agent(options, camera, SubmapKey{std::move(agent), session, 0},
-                                          std::move(tracker), std::move(filter), imu));
+                                          std::move(tracker), std::move(filter), sensors));
 }
 
 Agent::Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
              std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter,
-             const std::optional<ImuMount>& imu)
+             const MotionSensors& sensors)
     : options_(options),
       camera_(camera),
       key_(key),
-      imu_(imu),
+      sensors_(sensors),
       imu_samples_(options.imu.buffer),
+      odometry_samples_(options.odometry.buffer),
       tracker_(std::move(tracker)),
       filter_(std::move(filter)),
       landmarks_(options.landmarks, camera),
       keyframe_selector_(options.keyframes, camera),
       builder_(options.submap),
       health_(options.health) {
-  if (!imu_) return;
-  initializer_.emplace(options_.imu.initializer, options_.imu.model, imu_->calibration,
-                       imu_->imu_from_camera, camera_, &imu_samples_);
+  if (!sensors_.imu) return;
+  initializer_.emplace(options_.imu.initializer, options_.imu.model, sensors_.imu->calibration,
+                       sensors_.imu->imu_from_camera, camera_, &imu_samples_);
 }
 
 void Agent::AddImu(std::span<const ImuSample> samples) { imu_samples_.Add(samples); }
+
+void Agent::AddOdometry(std::span<const OdometrySample> samples) { odometry_samples_.Add(samples); }
+
+// Of an IMU only the gyro counts at first; all of it takes over once it is aligned.
+std::unique_ptr<MotionModel> Agent::MakeMotionModel() const {
+  if (sensors_.body_from_camera) {
+    return std::make_unique<OdometryMotionModel>(options_.odometry.model,
+                                                 *sensors_.body_from_camera, &odometry_samples_);
+  }
+  if (sensors_.imu) {
+    return std::make_unique<GyroMotionModel>(
+        options_.motion, options_.imu.model, options_.imu.initializer.alignment.gyro_bias_sigma,
+        sensors_.imu->calibration, sensors_.imu->imu_from_camera.rotation.conjugate(),
+        &imu_samples_);
+  }
+  return std::make_unique<ConstantVelocityModel>(options_.motion);
+}
 
 StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray) {
   PORTOLAN_RETURN_IF_ERROR(CheckFrame(time, gray));
@@ -135,8 +162,8 @@ Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray) const {
 }
 
 void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
-  // An IMU takes over once it is aligned.
-  filter_->Start(time, std::make_unique<ConstantVelocityModel>(options_.motion));
+  filter_->Start(time, MakeMotionModel());
+  inertial_ = false;
   if (initializer_) initializer_->Reset();
   landmarks_.Reset();
   health_.Reset();
@@ -185,7 +212,7 @@ int Agent::UpdateFilter() {
 }
 
 void Agent::SeekScale(Timestamp time) {
-  if (!initializer_ || filter_->motion().metric() || health_.last_frame_bad()) return;
+  if (!initializer_ || inertial_ || health_.last_frame_bad()) return;
   initializer_->AddFrame(time, filter_->submap_from_camera(),
                          MeasurementsOf(tracker_->points(), [this](TrackId track) {
                            return landmarks_.IsLandmark(track) && !landmarks_.WasOutlier(track);
@@ -194,14 +221,15 @@ void Agent::SeekScale(Timestamp time) {
       initializer_->Attempt(filter_->Landmarks(), 1.0 / filter_->median_inverse_depth());
   if (!found) return;
   const Rigid3 camera = filter_->submap_from_camera();
-  auto model = std::make_unique<ImuMotionModel>(options_.imu.model, imu_->calibration,
-                                                imu_->imu_from_camera, &imu_samples_);
+  const ImuMount& imu = *sensors_.imu;
+  auto model = std::make_unique<ImuMotionModel>(options_.imu.model, imu.calibration,
+                                                imu.imu_from_camera, &imu_samples_);
   const Rigid3 metric_camera = {camera.rotation, found->scale * camera.translation};
-  model->Set(time, metric_camera * imu_->imu_from_camera.Inverse(), found->state);
-  filter_->ChangeMotion(std::move(model), ChangeToInertial(*found, camera, imu_->imu_from_camera,
+  model->Set(time, metric_camera * imu.imu_from_camera.Inverse(), found->state);
+  filter_->ChangeMotion(std::move(model), ChangeToInertial(*found, camera, imu.imu_from_camera,
                                                            filter_->state().motion_dim()));
   builder_.Rescale(found->scale);
-  found_scale_ = true;
+  found_scale_ = inertial_ = true;
   link_keeps_units_ = false;
   LogInfo("IMU aligned: one unit was ", found->scale, " m (+-",
           100 * std::sqrt(found->covariance(0, 0)), " %)");

@@ -14,6 +14,8 @@
 #include "agent/imu/imu_motion_model.h"
 #include "agent/imu/inertial_initializer.h"
 #include "agent/landmarks/landmark_manager.h"
+#include "agent/odometry/odometry_buffer.h"
+#include "agent/odometry/odometry_motion_model.h"
 #include "agent/submap/keyframe_selector.h"
 #include "agent/submap/submap_builder.h"
 #include "agent/submap/tracking_health.h"
@@ -31,10 +33,24 @@ struct ImuOptions {
   Status Validate() const;
 };
 
+struct OdometryOptions {
+  OdometryBufferOptions buffer;
+  OdometryModelOptions model;
+
+  Status Validate() const;
+};
+
 // The IMU of a vehicle.
 struct ImuMount {
   ImuCalibration calibration;
   Rigid3 imu_from_camera;
+};
+
+// What measures the vehicle's motion besides the camera: nothing, an IMU, or counted wheels.
+struct MotionSensors {
+  std::optional<ImuMount> imu;
+  // Of the wheel odometry: where the camera sits in the frame that it gives the pose of.
+  std::optional<Rigid3> body_from_camera;
 };
 
 struct AgentOptions {
@@ -48,6 +64,7 @@ struct AgentOptions {
   SubmapBuilderOptions submap;
   TrackingHealthOptions health;
   ImuOptions imu;
+  OdometryOptions odometry;
   // New corners are looked for when fewer than this share of tracker.max_points is left, and at
   // every keyframe.
   double min_tracks_share = 0.8;
@@ -88,13 +105,16 @@ class Agent {
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options,
                                                  const CameraModel& camera, AgentId agent,
                                                  SessionId session,
-                                                 const std::optional<ImuMount>& imu = std::nullopt);
+                                                 const MotionSensors& sensors = {});
 
   // Samples on the camera's clock, in order of time; those up to an image's time come before the
   // image. Only for an agent with an IMU. With them the submaps become metric as soon as the motion
   // has told the scale.
   void AddImu(std::span<const ImuSample> samples);
   const ImuCounts& imu_counts() const { return imu_samples_.counts(); }
+  // Likewise, for an agent with wheel odometry; its submaps are metric from the start.
+  void AddOdometry(std::span<const OdometrySample> samples);
+  const OdometryCounts& odometry_counts() const { return odometry_samples_.counts(); }
 
   // gray: CV_8UC1 of the camera's size. InvalidArgument if it is not, or if time does not
   // increase; the frame is then ignored and the agent goes on.
@@ -106,9 +126,10 @@ class Agent {
  private:
   Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
         std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter,
-        const std::optional<ImuMount>& imu);
+        const MotionSensors& sensors);
 
   Status CheckFrame(Timestamp time, const cv::Mat& gray) const;
+  std::unique_ptr<MotionModel> MakeMotionModel() const;
   void StartTracking(Timestamp time, const cv::Mat& gray);
   void TrackPoints(Timestamp time, const cv::Mat& gray);
   int UpdateFilter();
@@ -133,8 +154,10 @@ class Agent {
   // Whether predecessor_from_submap_ is in the open submap's units.
   bool link_keeps_units_ = true;
   Rigid3 predecessor_from_submap_;
-  const std::optional<ImuMount> imu_;
-  ImuBuffer imu_samples_;  // the filter's motion model reads it
+  const MotionSensors sensors_;
+  // The filter's motion model reads these.
+  ImuBuffer imu_samples_;
+  OdometryBuffer odometry_samples_;
   std::optional<InertialInitializer> initializer_;
   std::unique_ptr<Tracker> tracker_;
   std::unique_ptr<LocalFilter> filter_;
@@ -145,6 +168,8 @@ class Agent {
   std::vector<PredictedMeasurement> predicted_;
   int measured_ = 0;
   bool tracking_ = false;
+  // The IMU has taken over since tracking began.
+  bool inertial_ = false;
   // Of the present frame.
   bool is_keyframe_ = false;
   bool begins_submap_ = false;

@@ -129,6 +129,21 @@ void AddImu(ImuOptions* options, OptionSection section) {
               "samples farther apart leave a gap, which is bridged at constant velocity");
 }
 
+void AddOdometry(OdometryOptions* options, OptionSection section) {
+  OdometryModelOptions* model = &options->model;
+  section.Add("translation_per_sqrt_m", &model->translation_per_sqrt_m, "m/sqrt(m)",
+              "error along and across that grows with the way");
+  section.Add("rotation_per_sqrt_m", &model->rotation_per_sqrt_m, "rad/sqrt(m)",
+              "error of the heading that grows with the way: slip");
+  section.Add("rotation_per_sqrt_rad", &model->rotation_per_sqrt_rad, "rad/sqrt(rad)",
+              "error of the heading that grows with the turn");
+  section.Add("out_of_plane_per_sqrt_m", &model->out_of_plane_per_sqrt_m, "rad, m/sqrt(m)",
+              "roll, pitch and height that the wheels do not see");
+  section.Add("scale_sigma", &model->scale_sigma, "", "relative error of the wheels' radius");
+  section.Add("max_gap_s", &options->buffer.max_gap_s, "s",
+              "samples farther apart leave a gap, which is bridged at constant velocity");
+}
+
 }  // namespace
 
 void AddAgentOptions(AgentOptions* options, OptionTable* table) {
@@ -140,6 +155,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddSubmap(&options->submap, table->Section("submap"));
   AddHealth(&options->health, table->Section("health"));
   AddImu(&options->imu, table->Section("imu"));
+  AddOdometry(&options->odometry, table->Section("odometry"));
   table->Add("min_tracks_share", &options->min_tracks_share, "",
              "new corners are looked for when fewer than this share of the points is left");
 }

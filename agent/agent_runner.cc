@@ -14,6 +14,8 @@ namespace {
 
 constexpr char kSoftwareVersion[] = "portolan 0.1.0";
 constexpr int64_t kProgressFrames = 10;
+// Odometry comes at 10 Hz and more; so the sample after an image is there.
+constexpr Duration kOdometryLookahead = std::chrono::milliseconds(110);
 
 double MillisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
@@ -25,16 +27,23 @@ std::optional<Rigid3> PredecessorOf(const FrameResult& result) {
   return result.predecessor_from_submap;
 }
 
-// The IMU whose samples the source delivers, if any.
-StatusOr<std::optional<ImuMount>> FindImu(const ImageSource& source) {
-  const auto& imu = source.info().imu_calibration;
-  if (!imu) return std::optional<ImuMount>();
+// The sensors whose samples the source delivers.
+StatusOr<MotionSensors> FindMotionSensors(const ImageSource& source) {
+  MotionSensors sensors;
+  const ImageSourceInfo& info = source.info();
+  if (!info.imu_calibration && !info.has_odometry) return sensors;
   const auto& body_from_camera = source.calibration().body_from_camera;
   if (!body_from_camera) {
     return absl::InvalidArgumentError(
-        "source.imu: the camera's calibration does not say where it sits on the IMU (T_BS)");
+        "the camera's calibration does not say where it sits on the vehicle (T_BS), which the IMU "
+        "or odometry needs");
   }
-  return std::optional<ImuMount>({*imu, imu->body_from_imu.Inverse() * *body_from_camera});
+  if (info.has_odometry) sensors.body_from_camera = body_from_camera;
+  if (info.imu_calibration) {
+    sensors.imu = ImuMount{*info.imu_calibration,
+                           info.imu_calibration->body_from_imu.Inverse() * *body_from_camera};
+  }
+  return sensors;
 }
 
 }  // namespace
@@ -61,9 +70,9 @@ StatusOr<std::unique_ptr<AgentRunner>> AgentRunner::Create(const RunnerOptions& 
   const SessionId session = runner.session == 0 ? DrawSessionId() : SessionId(runner.session);
   PORTOLAN_ASSIGN_OR_RETURN(const CameraModel camera,
                             CameraModel::Create(source->calibration().intrinsics));
-  PORTOLAN_ASSIGN_OR_RETURN(const auto imu, FindImu(*source));
+  PORTOLAN_ASSIGN_OR_RETURN(const MotionSensors sensors, FindMotionSensors(*source));
   PORTOLAN_ASSIGN_OR_RETURN(
-      auto agent, Agent::Create(agent_options, camera, AgentId(runner.agent), session, imu));
+      auto agent, Agent::Create(agent_options, camera, AgentId(runner.agent), session, sensors));
   std::unique_ptr<AgentRunner> result(new AgentRunner(runner, std::move(source), std::move(agent)));
   if (runner.server != "none") result->OpenPendingSessions(uplink, outbox);
   PORTOLAN_RETURN_IF_ERROR(result->OpenUplink(uplink, outbox, session));
@@ -152,13 +161,20 @@ Status AgentRunner::ProcessImages(const std::atomic<bool>& stop) {
   return absl::OkStatus();
 }
 
+void AgentRunner::FeedSensors(Timestamp time) {
+  const ImageSourceInfo& info = source_->info();
+  if (info.imu_calibration) {
+    // One sample more, so that the rates at the image's time are interpolated.
+    const double rate_hz = info.imu_calibration->rate_hz;
+    const Duration period = FromSeconds(rate_hz > 0 ? 1.01 / rate_hz : 0);
+    agent_->AddImu(source_->TakeImu(time + period));
+  }
+  if (info.has_odometry) agent_->AddOdometry(source_->TakeOdometry(time + kOdometryLookahead));
+}
+
 Status AgentRunner::ProcessFrame(const Frame& frame) {
   const auto start = std::chrono::steady_clock::now();
-  // One sample more, so that the rates at the image's time are interpolated.
-  if (const auto& imu = source_->info().imu_calibration) {
-    const double period_s = imu->rate_hz > 0 ? 1.01 / imu->rate_hz : 0;
-    agent_->AddImu(source_->TakeImu(frame.time + FromSeconds(period_s)));
-  }
+  FeedSensors(frame.time);
   auto result = agent_->ProcessImage(frame.time, frame.gray);
   const double frame_ms = MillisecondsSince(start);
   if (!result.ok()) {

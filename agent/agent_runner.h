@@ -62,6 +62,8 @@ class AgentRunner {
   void OpenPendingSessions(const UplinkOptions& uplink, const OutboxOptions& outbox);
   Status ProcessImages(const std::atomic<bool>& stop);
   Status ProcessFrame(const Frame& frame);
+  // Hands the samples up to an image's time to the agent.
+  void FeedSensors(Timestamp time);
   Status TakeSubmap(Submap submap);
   void ShowProgress(const FrameResult& result, bool last);
   void Deliver();

@@ -34,6 +34,8 @@ struct ImageSourceInfo {
   CameraCalibration calibration;
   std::optional<CameraCalibration> right_calibration;
   std::optional<ImuCalibration> imu_calibration;
+  // A file of wheel odometry was given.
+  bool has_odometry = false;
 };
 
 struct ImageSourceCounts {

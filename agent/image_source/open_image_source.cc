@@ -98,6 +98,7 @@ StatusOr<std::unique_ptr<ImageSource>> OpenSequence(const ImageSourceOptions& op
   info.calibration = listing.calibration;
   info.right_calibration = listing.right_calibration;
   info.imu_calibration = listing.imu_calibration;
+  info.has_odometry = !options.odometry.empty();
   return std::unique_ptr<ImageSource>(std::make_unique<PlaybackSource>(
       options, std::move(info), std::make_unique<ListedStream>(std::move(listing.frames)),
       std::move(listing.imu), std::move(odometry)));
@@ -118,6 +119,7 @@ StatusOr<std::unique_ptr<ImageSource>> OpenVideo(const ImageSourceOptions& optio
     info.frame_count = stream->frame_count();
   }
   info.calibration = calibration;
+  info.has_odometry = !options.odometry.empty();
   std::vector<OdometrySample> odometry;
   if (!options.odometry.empty()) {
     PORTOLAN_ASSIGN_OR_RETURN(odometry, ReadOdometryCsv(options.odometry));

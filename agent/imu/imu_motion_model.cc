@@ -11,7 +11,7 @@ Status ImuModelOptions::Validate() const {
   if (!(gravity_m_s2 > 9 && gravity_m_s2 < 10.5)) {
     return absl::InvalidArgumentError("imu.gravity_m_s2 must lie within 9 and 10.5");
   }
-  if (!(noise_factor > 0 && gap_accel_density > 0 && gap_gyro_density > 0)) {
+  if (!(noise_factor > 0 && gap_accel_density > 0 && gap_gyro_density > 0 && trusted_gap_s > 0)) {
     return absl::InvalidArgumentError("imu: every noise must be > 0");
   }
   return absl::OkStatus();
@@ -45,7 +45,7 @@ void ImuMotionModel::SetPrior(const InertialState& state, const Eigen::MatrixXd&
 void ImuMotionModel::Start(Timestamp time, double, MotionMatrix* covariance) {
   ResetPose(time);
   state_ = prior_;
-  bridged_s_ = 0;
+  bridged_s_ = gap_s_ = 0;
   covariance->setZero(kDim, kDim);
   covariance->bottomRightCorner(kDim - kVelocity, kDim - kVelocity) = prior_covariance_;
 }
@@ -59,6 +59,7 @@ bool ImuMotionModel::Predict(Timestamp new_time, double, MotionMatrix* transitio
     StepMatrix step_transition;
     Propagate(step, &pose, &step_transition, &noise_sum);
     total = step_transition * total;
+    gap_s_ = step.measured ? 0 : gap_s_ + step.dt_s;
     if (!step.measured) bridged_s_ += step.dt_s;
   }
   SetPose(new_time, pose);

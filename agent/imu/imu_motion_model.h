@@ -19,6 +19,9 @@ struct ImuModelOptions {
   // the guess.
   double gap_accel_density = 4.0;
   double gap_gyro_density = 0.7;
+  // After so long without samples lengths no longer count as metres: the camera alone keeps the
+  // scale then, and it drifts [s].
+  double trusted_gap_s = 3.0;
 
   Status Validate() const;
 };
@@ -66,9 +69,9 @@ class ImuMotionModel : public MotionModel {
   // Of the IMU.
   Eigen::Vector3d linear_velocity() const override { return state_.velocity; }
   Eigen::Vector3d angular_velocity_rad_s() const override { return angular_velocity_in_camera_; }
-  bool metric() const override { return true; }
+  bool metric() const override { return gap_s_ < options_.trusted_gap_s; }
   std::optional<Eigen::Vector3d> gravity_in_submap() const override {
-    return state_.gravity_direction();
+    return metric() ? std::optional(state_.gravity_direction()) : std::nullopt;
   }
 
   const InertialState& state() const { return state_; }
@@ -89,6 +92,7 @@ class ImuMotionModel : public MotionModel {
   Eigen::MatrixXd prior_covariance_;
   Eigen::Vector3d angular_velocity_in_camera_ = Eigen::Vector3d::Zero();
   double bridged_s_ = 0;
+  double gap_s_ = 0;  // the present one's length so far
 };
 
 }  // namespace portolan

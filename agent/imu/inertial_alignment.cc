@@ -137,6 +137,14 @@ class Alignment {
     d.block<3, 3>(1, kTurn) = -r0 * Skew(last.velocity);
     const UnknownMatrix covariance = information_.ldlt().solve(UnknownMatrix::Identity());
     result.covariance = d * covariance * d.transpose() * std::max(1.0, normalised_error_);
+    // What the samples' noise and the walk of the biases did meanwhile.
+    const double factor = Square(model_.noise_factor) * last.time_s;
+    result.covariance.diagonal().segment<3>(1).array() +=
+        factor * Square(calibration_.accelerometer_noise_density);
+    result.covariance.diagonal().segment<3>(4).array() +=
+        factor * Square(calibration_.gyroscope_random_walk);
+    result.covariance.diagonal().segment<3>(7).array() +=
+        factor * Square(calibration_.accelerometer_random_walk);
     result.normalised_error = normalised_error_;
     return result;
   }

@@ -11,6 +11,7 @@
 # agent had no place in the common map yet do not count); the ATE without the server: every agent's
 # uncorrected odometry, each aligned alone (they have no common frame, so this flatters it);
 # connected parts of the map; kB/s up and down an agent; CPU ms a frame of the agent's process.
+# Rows with an IMU are aligned without scale, SE(3); their last column is the map's scale error.
 set -euo pipefail
 
 root="$(cd "$(dirname "$0")/../.." && pwd)"
@@ -18,6 +19,7 @@ cd "$root"
 data="${PORTOLAN_DATA:-../shared/data}"
 filter="${1:-}"
 output=out/real
+mkdir -p out
 portolan="build/${PORTOLAN_PRESET:-release}/server/cli/portolan"
 
 if [ ! -d "$data" ]; then
@@ -26,12 +28,14 @@ if [ ! -d "$data" ]; then
 fi
 deploy/build.sh "${PORTOLAN_PRESET:-release}" portolan-agent portolan-server portolan > /dev/null
 
-# name | sequence | truth | frame ranges, one agent each
+# name | sequence | truth | frame ranges, one agent each | alignment (sim3) | agent flags
 sequences="
 redkitchen, 3 agents|7scenes/redkitchen_seq-01|groundtruth.txt|0-302 303-605 606-909
 scenelib, 3 agents|monoslam_davison/scenelib_test_sequence|reference_sfm.txt|0-333 334-667 668-999
 redkitchen|7scenes/redkitchen_seq-01|groundtruth.txt|0-909
 MH_01|euroc/MH_01_easy_first18s|groundtruth.txt|0-359
+MH_01, IMU|euroc/MH_01_easy_first18s|groundtruth.txt|0-359|se3|--source.imu
+MH_01, IMU, 2 agents|euroc/MH_01_easy_first18s|groundtruth.txt|0-179 180-359|se3|--source.imu
 MH_01, 2 agents|euroc/MH_01_easy_first18s|groundtruth.txt|0-179 180-359
 checkerboard_desk|uzh_vamr/checkerboard_desk|groundtruth.txt|0-735
 scenelib|monoslam_davison/scenelib_test_sequence|reference_sfm.txt|0-999
@@ -47,9 +51,12 @@ mean_of() {  # KEY FILE...: mean over the agents' summaries
   cat "$@" | grep -o "\"$key\": [-0-9.e+]*" | awk '{s += $2} END {if (NR) printf "%.1f", s / NR}'
 }
 
-ate() {  # joint ATE in mm, or "-" without an estimate: ate MODE ESTIMATES... -- TRUTH
+# Joint ATE in mm, coverage and scale error in %, or "-" without an estimate:
+# ate MODE ALIGNMENT ESTIMATES... -- TRUTH
+ate() {
   local mode="$1"
-  shift
+  local alignment="$2"
+  shift 2
   local estimates=()
   while [ "$1" != -- ]; do
     if [ "$(grep -vc '^#' "$1" || true)" -gt 3 ]; then estimates+=(--estimate "$1"); fi
@@ -59,12 +66,12 @@ ate() {  # joint ATE in mm, or "-" without an estimate: ate MODE ESTIMATES... --
     echo "-"
     return
   fi
-  "$portolan" evaluate "${estimates[@]}" --groundtruth "$2" |
+  "$portolan" evaluate "${estimates[@]}" --groundtruth "$2" --align "$alignment" |
     awk -v mode="$mode" '
       /^one joint/ {joint = 1} /^each agent/ {joint = 0}
       mode == "joint" && joint && /all agents|\.tum/ && !done {
         n = split($0, parts, "|"); split(parts[1], a, " "); split(parts[2], b, " ");
-        printf "%.1f %s", 1000 * b[1], a[length(a)]; done = 1}
+        printf "%.1f %s %s", 1000 * b[1], a[length(a)], parts[n]; done = 1}
       mode == "alone" && !joint && /\.tum/ {
         split($0, parts, "|"); split(parts[1], a, " "); split(parts[2], b, " ");
         k = a[length(a) - 1]; s += k * b[1] * b[1]; m += k}
@@ -74,15 +81,17 @@ ate() {  # joint ATE in mm, or "-" without an estimate: ate MODE ESTIMATES... --
       END {if (mode == "alone") printf "%.1f", (m > 0 ? 1000 * sqrt(s / m) : 1000 * one)}'
 }
 
-printf '%-20s %6s %8s %10s %9s %8s %10s %5s %8s %8s %7s\n' sequence frames coverage 'final mm' \
-  'live mm' coverage 'alone mm' parts 'up kB/s' 'dn kB/s' 'cpu ms'
-while IFS='|' read -r name sequence truth ranges; do
+printf '%-20s %6s %8s %10s %9s %8s %10s %5s %8s %8s %7s %7s\n' sequence frames coverage 'final mm' \
+  'live mm' coverage 'alone mm' parts 'up kB/s' 'dn kB/s' 'cpu ms' 'scale %'
+while IFS='|' read -r name sequence truth ranges alignment flags; do
   if [ -z "$name" ] || [[ "$name" != *"$filter"* ]]; then continue; fi
   if [ ! -d "$data/$sequence" ]; then
     printf '%-20s NO DATA: %s\n' "$name" "$data/$sequence"
     continue
   fi
   folder="$output/${name//[^A-Za-z0-9]/_}"
+  alignment="${alignment:-sim3}"
+  read -r -a extra <<< "${flags:-}"
   specs=()
   final=()
   live=()
@@ -97,18 +106,19 @@ while IFS='|' read -r name sequence truth ranges; do
     summaries+=("$folder/agents/agent$i/summary.json")
     i=$((i + 1))
   done
-  if ! { PORTOLAN_LOCKSTEP=1 deploy/mission.sh "$folder" "${specs[@]}" &&
-    deploy/mission.sh "$folder.live" "${specs[@]}" -- --rate 1; } > "$output.log" 2>&1; then
+  if ! { PORTOLAN_LOCKSTEP=1 deploy/mission.sh "$folder" "${specs[@]}" -- "${extra[@]}" &&
+    deploy/mission.sh "$folder.live" "${specs[@]}" -- --rate 1 "${extra[@]}"; } > "$output.log" 2>&1; then
     printf '%-20s FAILED, see %s\n' "$name" "$output.log"
     continue
   fi
-  read -r final_mm coverage <<< "$(ate joint "${final[@]}" -- "$data/$sequence/$truth")"
-  read -r live_mm live_coverage <<< "$(ate joint "${live[@]}" -- "$data/$sequence/$truth")"
-  alone_mm="$(ate alone "${odometry[@]}" -- "$data/$sequence/$truth")"
+  read -r final_mm coverage scale <<< "$(ate joint "$alignment" "${final[@]}" -- "$data/$sequence/$truth")"
+  read -r live_mm live_coverage _ <<< "$(ate joint "$alignment" "${live[@]}" -- "$data/$sequence/$truth")"
+  alone_mm="$(ate alone "$alignment" "${odometry[@]}" -- "$data/$sequence/$truth")"
   frames="$(cat "${summaries[@]}" | grep -o '"frames": [0-9]*' | awk '{s += $2} END {print s}')"
   parts="$(awk '/^components/ {print $2}' "$folder/info.txt")"
-  printf '%-20s %6s %8s %10s %9s %8s %10s %5s %8s %8s %7s\n' "$name" "$frames" "${coverage:--}" \
+  if [ "$alignment" = sim3 ]; then scale=-; fi
+  printf '%-20s %6s %8s %10s %9s %8s %10s %5s %8s %8s %7s %7s\n' "$name" "$frames" "${coverage:--}" \
     "$final_mm" "$live_mm" "${live_coverage:--}" "$alone_mm" "$parts" "$(mean_of sent_kb_per_s "${summaries[@]}")" \
     "$(mean_of received_kb_per_s "${summaries[@]}")" \
-    "$(mean_of cpu_ms_per_frame "${summaries[@]}")"
+    "$(mean_of cpu_ms_per_frame "${summaries[@]}")" "${scale:--}"
 done <<< "$sequences"
