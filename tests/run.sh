@@ -17,6 +17,6 @@ if [ "$label" = unit ]; then
 else
   deploy/build.sh "$preset"
 fi
-export OMP_NUM_THREADS=1
+export OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
 export TSAN_OPTIONS="suppressions=$root/tests/support/tsan.supp ${TSAN_OPTIONS:-}"
 ctest --preset "$preset" -j2 ${label:+-L "$label"}

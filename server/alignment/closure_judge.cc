@@ -8,15 +8,11 @@
 #include <numeric>
 #include <utility>
 
+#include "server/alignment/positive_definite.h"
 #include "server/pose_graph/chordal_initialization.h"
 
 namespace portolan {
 namespace {
-
-Matrix7d Inverse(const Matrix7d& positive_definite) {
-  const Matrix7d inverse = positive_definite.llt().solve(Matrix7d::Identity());
-  return 0.5 * (inverse + inverse.transpose());
-}
 
 // Parts of a graph, named by their first node.
 class Parts {
@@ -83,7 +79,8 @@ class Chains {
         chain_from_node_[node] * (forward ? link.a_from_b : link.a_from_b.Inverse());
     // The link's covariance belongs to a right perturbation at b.
     const Matrix7d adjoint = chain_from_node_[link.b].Adjoint();
-    spread_[next] = spread_[node] + adjoint * Inverse(link.information) * adjoint.transpose();
+    spread_[next] =
+        spread_[node] + adjoint * InverseOfPositiveDefinite(link.information) * adjoint.transpose();
     front->push_back(next);
   }
 

@@ -6,16 +6,9 @@
 #include <deque>
 #include <utility>
 
+#include "server/alignment/positive_definite.h"
+
 namespace portolan {
-namespace {
-
-Matrix7d Inverse(const Matrix7d& positive_definite) {
-  const Matrix7d inverse = positive_definite.llt().solve(Matrix7d::Identity());
-  return 0.5 * (inverse + inverse.transpose());
-}
-
-}  // namespace
-
 Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(model.Validate());
   PORTOLAN_RETURN_IF_ERROR(link.Validate());
@@ -194,14 +187,16 @@ bool MapAligner::CloseLoops() {
     }
     for (const Closure& closure : closures()) {
       if (nodes.contains(closure.a)) {
-        add(closure.a, closure.b, Inverse(relations_.FlooredCovariance(model_, closure)));
+        add(closure.a, closure.b,
+            InverseOfPositiveDefinite(relations_.FlooredCovariance(model_, closure)));
       }
     }
     const size_t first = graph.relations.size();
     for (const size_t i : candidates) {
       const Closure& closure = pending_[i];
-      graph.relations.push_back({nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
-                                 Inverse(relations_.FlooredCovariance(model_, closure)), true});
+      graph.relations.push_back(
+          {nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
+           InverseOfPositiveDefinite(relations_.FlooredCovariance(model_, closure)), true});
     }
     const std::vector<double> weights = SolveRelationGraph(options_.graph, &graph);
     const size_t before = closed.size();

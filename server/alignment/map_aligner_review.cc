@@ -6,17 +6,9 @@
 #include <vector>
 
 #include "server/alignment/map_aligner.h"
+#include "server/alignment/positive_definite.h"
 
 namespace portolan {
-namespace {
-
-Matrix7d Inverse(const Matrix7d& positive_definite) {
-  const Matrix7d inverse = positive_definite.llt().solve(Matrix7d::Identity());
-  return 0.5 * (inverse + inverse.transpose());
-}
-
-}  // namespace
-
 void MapAligner::SettleWaiting() {
   // A join turns other closures into loops, and a corrected loop may let others agree.
   while (JoinComponents()) CloseLoops();
@@ -62,7 +54,8 @@ bool MapAligner::ReviewComponent(ComponentId component) {
       if (!nodes.contains(closure.a) || !nodes.contains(closure.b)) continue;
       judged.push_back(list.shared(i));
       relations.push_back({nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
-                           Inverse(relations_.FlooredCovariance(model_, closure)), true});
+                           InverseOfPositiveDefinite(relations_.FlooredCovariance(model_, closure)),
+                           true});
       support.push_back(static_cast<int>(closure.matches.size()));
     }
   };
