@@ -140,7 +140,7 @@ void ImuMotionModel::CorrectRest(const Eigen::Ref<const Eigen::VectorXd>& error)
 void ImuMotionModel::RebaseRest(MotionMatrix* d_new_d_old) {
   // x' = C'x for x velocity or gravity, C = R_imu Exp(e) R_ic: x' moves by [x']x R_ic' e.
   const Eigen::Matrix3d camera_from_imu =
-      body_from_camera().rotation.toRotationMatrix().transpose();
+      body_from_camera().rotation.conjugate().toRotationMatrix();
   const Eigen::Matrix3d new_from_old = submap_from_camera().rotation.toRotationMatrix().transpose();
   state_.velocity = new_from_old * state_.velocity;
   state_.gravity_frame = new_from_old * state_.gravity_frame;
