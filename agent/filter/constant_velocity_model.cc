@@ -72,9 +72,10 @@ void ConstantVelocityModel::CorrectRest(const Eigen::Ref<const Eigen::VectorXd>&
   angular_velocity_ += error.segment<3>(kAngular);
 }
 
-void ConstantVelocityModel::FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const {
+bool ConstantVelocityModel::FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const {
   direction.segment<3>(kPosition) = -submap_from_body().translation;
   direction.segment<3>(kLinear) = -linear_velocity_;
+  return true;
 }
 
 void ConstantVelocityModel::RebaseRest(MotionMatrix* d_new_d_old) {

@@ -36,7 +36,7 @@ class ConstantVelocityModel : public MotionModel {
   bool Predict(Timestamp time, double scene_depth, MotionMatrix* transition,
                MotionMatrix* noise) override;
   void CorrectRest(const Eigen::Ref<const Eigen::VectorXd>& error) override;
-  void FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const override;
+  bool FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const override;
   void RebaseRest(MotionMatrix* d_new_d_old) override;
   Eigen::Vector3d linear_velocity() const override { return linear_velocity_; }
   Eigen::Vector3d angular_velocity_rad_s() const override { return angular_velocity_; }

@@ -274,7 +274,7 @@ Rigid3 FilterState::Rebase() {
 void FilterState::FixScale(const Eigen::RowVectorXd& d_log) {
   // By the logarithm of all inverse lengths.
   Eigen::VectorXd direction = Eigen::VectorXd::Zero(dim());
-  motion_->FillScaleDirection(direction.head(motion_dim_));
+  if (!motion_->FillScaleDirection(direction.head(motion_dim_))) return;
   for (const Landmark& landmark : landmarks_) {
     if (landmark.euclidean) {
       direction.segment<3>(Offset(landmark)) = -landmark.point_in_submap;

@@ -54,7 +54,8 @@ class FilterState {
   Rigid3 Rebase();
   // Chooses the unit of length such that the quantity whose derivative is given is exactly known:
   // errors become those left after scaling the whole state (an S-transformation). The estimate
-  // does not change. d_log: 1 for a common growth of all inverse lengths.
+  // does not change; nothing happens where the motion model measures lengths. d_log: 1 for a common
+  // growth of all inverse lengths.
   void FixScale(const Eigen::RowVectorXd& d_log);
   // Another motion model; landmarks and covariance are carried over in the new units.
   void ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change);

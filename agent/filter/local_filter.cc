@@ -249,7 +249,6 @@ void LocalFilter::UpdateMedianInverseDepth() {
 }
 
 void LocalFilter::FixScale() {
-  if (state_.motion().metric()) return;
   const MeanDepth mean = MeanOfKnownDepths(state_, options_.known_depth_sigma_ratio);
   if (mean.count >= options_.min_known_depths) state_.FixScale(mean.d_log_d_state);
 }

@@ -43,11 +43,9 @@ class MotionModel {
   // Jacobian of the new error by the old below the pose (the pose's rows are zero).
   virtual void RebaseRest(MotionMatrix* d_new_d_old) = 0;
 
-  // Derivative of the motion errors by the logarithm of all inverse lengths.
-  // Of a metric model it is not asked for.
-  virtual void FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const {
-    direction.setZero();
-  }
+  // Fills the derivative of the motion errors by the logarithm of all inverse lengths. False, and
+  // nothing filled, if the model's sensor measures lengths, so that the scale is not free.
+  virtual bool FillScaleDirection(Eigen::Ref<Eigen::VectorXd>) const { return false; }
 
   // In the submap frame, units per second.
   virtual Eigen::Vector3d linear_velocity() const = 0;

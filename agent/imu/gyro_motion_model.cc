@@ -86,10 +86,11 @@ void GyroMotionModel::RebaseRest(MotionMatrix* d_new_d_old) {
   d_new_d_old->block<3, 3>(kBias, kBias).setIdentity();
 }
 
-void GyroMotionModel::FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const {
+bool GyroMotionModel::FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const {
   direction.setZero();
   direction.segment<3>(kPosition) = -submap_from_body().translation;
   direction.segment<3>(kVelocity) = -velocity_;
+  return true;
 }
 
 }  // namespace portolan

@@ -26,7 +26,7 @@ class GyroMotionModel : public MotionModel {
                MotionMatrix* noise) override;
   void CorrectRest(const Eigen::Ref<const Eigen::VectorXd>& error) override;
   void RebaseRest(MotionMatrix* d_new_d_old) override;
-  void FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const override;
+  bool FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const override;
   Eigen::Vector3d linear_velocity() const override { return velocity_; }
   Eigen::Vector3d angular_velocity_rad_s() const override { return angular_velocity_; }
   const Eigen::Vector3d& gyro_bias() const { return bias_; }

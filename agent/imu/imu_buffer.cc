@@ -1,24 +1,10 @@
 #include "agent/imu/imu_buffer.h"
 
 #include <algorithm>
-#include <string>
 
-#include "common/base/concat.h"
-#include "common/base/logging.h"
+#include "agent/image_source/sample_warning.h"
 
 namespace portolan {
-namespace {
-
-// After so many warnings of a kind only the counts go on.
-constexpr int64_t kMaxWarnings = 3;
-
-void Warn(const char* what, Timestamp time, int64_t count) {
-  if (count > kMaxWarnings) return;
-  LogWarning("IMU sample at ", ToSeconds(time), " s: ", what,
-             count == kMaxWarnings ? "; further ones are only counted" : "");
-}
-
-}  // namespace
 
 Status ImuBufferOptions::Validate() const {
   if (!(max_gap_s > 0 && keep_s > max_gap_s && max_gyro_rad_s > 0 && max_accel_m_s2 > 0)) {
@@ -31,7 +17,7 @@ void ImuBuffer::Add(std::span<const ImuSample> samples) {
   for (const ImuSample& sample : samples) {
     if (!IsUsable(sample)) continue;
     if (!samples_.empty() && IsGap(samples_.back().time, sample.time)) {
-      Warn("a gap before it", sample.time, ++counts_.gaps);
+      WarnOfSample("IMU sample", sample.time, "a gap before it", ++counts_.gaps);
     }
     samples_.push_back(sample);
     ++counts_.accepted;
@@ -44,17 +30,18 @@ void ImuBuffer::Add(std::span<const ImuSample> samples) {
 
 bool ImuBuffer::IsUsable(const ImuSample& sample) {
   if (!sample.gyro_rad_s.allFinite() || !sample.accel_m_s2.allFinite()) {
-    Warn("not a number; left out", sample.time, ++counts_.not_finite);
+    WarnOfSample("IMU sample", sample.time, "not a number; left out", ++counts_.not_finite);
     return false;
   }
   if (sample.gyro_rad_s.cwiseAbs().maxCoeff() > options_.max_gyro_rad_s ||
       sample.accel_m_s2.cwiseAbs().maxCoeff() > options_.max_accel_m_s2) {
-    Warn("beyond the range of a sensor; left out", sample.time, ++counts_.beyond_range);
+    WarnOfSample("IMU sample", sample.time, "beyond the range of a sensor; left out",
+                 ++counts_.beyond_range);
     return false;
   }
   if (!samples_.empty() && sample.time <= samples_.back().time) {
-    Warn("its time is not after the sample's before; left out", sample.time,
-         ++counts_.out_of_order);
+    WarnOfSample("IMU sample", sample.time, "its time is not after the sample's before; left out",
+                 ++counts_.out_of_order);
     return false;
   }
   return true;

@@ -4,20 +4,9 @@
 #include <cmath>
 #include <iterator>
 
-#include "common/base/logging.h"
+#include "agent/image_source/sample_warning.h"
 
 namespace portolan {
-namespace {
-
-constexpr int64_t kMaxWarnings = 3;
-
-void Warn(const char* what, Timestamp time, int64_t count) {
-  if (count > kMaxWarnings) return;
-  LogWarning("odometry at ", ToSeconds(time), " s: ", what,
-             count == kMaxWarnings ? "; further ones are only counted" : "");
-}
-
-}  // namespace
 
 Status OdometryBufferOptions::Validate() const {
   if (!(max_gap_s > 0 && keep_s > max_gap_s && max_speed_m_s > 0)) {
@@ -30,7 +19,7 @@ void OdometryBuffer::Add(std::span<const OdometrySample> samples) {
   for (const OdometrySample& sample : samples) {
     if (!IsUsable(sample)) continue;
     if (!samples_.empty() && IsJump(samples_.back(), sample)) {
-      Warn("it jumps", sample.time, ++counts_.jumps);
+      WarnOfSample("odometry", sample.time, "it jumps", ++counts_.jumps);
       // What lies on both sides of a jump cannot be compared.
       samples_.clear();
     }
@@ -46,12 +35,12 @@ void OdometryBuffer::Add(std::span<const OdometrySample> samples) {
 bool OdometryBuffer::IsUsable(const OdometrySample& sample) {
   const Rigid3& pose = sample.odometry_from_body;
   if (!pose.translation.allFinite() || !(std::abs(pose.rotation.norm() - 1) < 1e-2)) {
-    Warn("not a pose; left out", sample.time, ++counts_.not_finite);
+    WarnOfSample("odometry", sample.time, "not a pose; left out", ++counts_.not_finite);
     return false;
   }
   if (!samples_.empty() && sample.time <= samples_.back().time) {
-    Warn("its time is not after the sample's before; left out", sample.time,
-         ++counts_.out_of_order);
+    WarnOfSample("odometry", sample.time, "its time is not after the sample's before; left out",
+                 ++counts_.out_of_order);
     return false;
   }
   return true;

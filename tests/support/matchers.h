@@ -35,7 +35,7 @@ MATCHER_P2(StatusIs, code, message, "has the given code and message") {
   *result_listener << GetStatus(arg).ToString();
   return GetStatus(arg).code() == code &&
          ::testing::ExplainMatchResult(::testing::Matcher<std::string>(message),
-                                     std::string(GetStatus(arg).message()), result_listener);
+                                       std::string(GetStatus(arg).message()), result_listener);
 }
 MATCHER_P(StatusIs, code, "has the given code") {
   *result_listener << GetStatus(arg).ToString();

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "common/base/check.h"
+#include "tests/support/submap_test_camera.h"
 
 namespace portolan {
 namespace {
@@ -16,19 +17,6 @@ namespace {
 constexpr double kTurnRadius = 5;  // metres
 // The camera looks to the left front, where the houses pass by.
 constexpr double kLookLeft = 0.8;  // radians
-
-CameraIntrinsics Intrinsics() {
-  CameraIntrinsics intrinsics;
-  intrinsics.width_px = 640;
-  intrinsics.height_px = 480;
-  intrinsics.fx_px = 500;
-  intrinsics.fy_px = 505;
-  intrinsics.cx_px = 322;
-  intrinsics.cy_px = 238;
-  intrinsics.distortion = DistortionModel::kRadTan;
-  intrinsics.coefficients = {-0.1, 0.02, 0.0005, -0.0004, 0};
-  return intrinsics;
-}
 
 // A random way along the streets, in pieces from the middle of one street to that of the next.
 class Route {
@@ -357,7 +345,7 @@ ReplayFleetOptions ReplayFleetOptions::For(int submaps, int agents, double visit
 
 ReplayFleet::ReplayFleet(const ReplayFleetOptions& options)
     : options_(options), world_(options.world) {
-  StatusOr<CameraModel> camera = CameraModel::Create(Intrinsics());
+  StatusOr<CameraModel> camera = CameraModel::Create(SubmapTestCamera());
   PORTOLAN_CHECK(camera.ok() && options.agents > 0);
   camera_ = std::make_shared<const CameraModel>(*std::move(camera));
   for (int i = 0; i < options.agents; ++i) {

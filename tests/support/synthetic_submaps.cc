@@ -7,6 +7,7 @@
 #include <string>
 
 #include "common/base/check.h"
+#include "tests/support/submap_test_camera.h"
 
 namespace portolan {
 namespace {
@@ -16,24 +17,11 @@ struct WorldPoint {
   Descriptor descriptor;
 };
 
-CameraIntrinsics Intrinsics() {
-  CameraIntrinsics intrinsics;
-  intrinsics.width_px = 640;
-  intrinsics.height_px = 480;
-  intrinsics.fx_px = 500;
-  intrinsics.fy_px = 505;
-  intrinsics.cx_px = 322;
-  intrinsics.cy_px = 238;
-  intrinsics.distortion = DistortionModel::kRadTan;
-  intrinsics.coefficients = {-0.1, 0.02, 0.0005, -0.0004, 0};
-  return intrinsics;
-}
-
 class Mission {
  public:
   explicit Mission(const SyntheticSubmapsOptions& options)
       : options_(options), random_(options.seed) {
-    StatusOr<CameraModel> camera = CameraModel::Create(Intrinsics());
+    StatusOr<CameraModel> camera = CameraModel::Create(SubmapTestCamera());
     PORTOLAN_CHECK(camera.ok());
     mission_.camera = std::make_shared<const CameraModel>(*std::move(camera));
     MakeWorld();
