@@ -13,12 +13,14 @@ Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(model.Validate());
   PORTOLAN_RETURN_IF_ERROR(link.Validate());
   PORTOLAN_RETURN_IF_ERROR(adjuster.Validate());
+  PORTOLAN_RETURN_IF_ERROR(relaxation.Validate());
   PORTOLAN_RETURN_IF_ERROR(graph.Validate());
   PORTOLAN_RETURN_IF_ERROR(consistency.Validate());
   PORTOLAN_RETURN_IF_ERROR(judge.Validate());
   PORTOLAN_RETURN_IF_ERROR(relations.Validate());
   if (full_component_submaps < 1 || region_submaps < 1 || loop_region_submaps < 2 ||
-      max_loop_region_submaps < loop_region_submaps || placing_iterations < 1) {
+      max_loop_region_submaps < loop_region_submaps || placing_iterations < 1 ||
+      max_region_visits < 1 || !(relaxing_growth > 1)) {
     return absl::InvalidArgumentError("map aligner: sizes must be positive");
   }
   if (min_matches_of_single_closure < 1 ||

@@ -15,6 +15,7 @@
 #include "server/alignment/closure_judge.h"
 #include "server/alignment/map_adjuster.h"
 #include "server/alignment/map_model.h"
+#include "server/alignment/map_relaxation.h"
 #include "server/alignment/relation_graph.h"
 #include "server/alignment/submap_relations.h"
 #include "server/verification/closure.h"
@@ -26,6 +27,7 @@ struct MapAlignerOptions {
   MapModelOptions model;
   SubmapLinkOptions link;
   MapAdjusterOptions adjuster;
+  MapRelaxationOptions relaxation;
   RelationGraphOptions graph;
   PairwiseConsistencyOptions consistency;
   // For components whose waiting closures contradict the accepted ones.
@@ -49,8 +51,13 @@ struct MapAlignerOptions {
   int full_component_submaps = 80;
   // Submaps that the background moves at once in a larger component.
   int region_submaps = 10;
-  // A large component of no more submaps than this is adjusted as a whole once all its regions
-  // are: regions, their surroundings held, leave errors of long wavelength.
+  // A submap that neighbours moved is adjusted again so often between two relaxations. Regions
+  // whose outliers depend on each other would otherwise take turns for ever.
+  int max_region_visits = 3;
+  // A large component is relaxed when its regions are adjusted, and before that whenever it has
+  // grown by this factor.
+  double relaxing_growth = 1.25;
+  // A large component of no more submaps than this is adjusted as a whole in the end.
   int polished_component_submaps = 300;
   // A closure that contradicts the map moves the submaps about its ends: so many at first, then
   // four times as many while the strain reaches the rim, up to the second number.
@@ -86,7 +93,7 @@ class MapAligner {
   void AdjustAround(SubmapId id);
 
   bool HasBackgroundWork() const {
-    return !stale_.empty() || !restless_.empty() || !unpolished_.empty();
+    return !stale_.empty() || !restless_.empty() || !strained_.empty() || !unpolished_.empty();
   }
   // Full adjustment of the component that waits longest, those with new closures first, or, in a
   // large component, of the region that does; then takes back closures that did not survive it.
@@ -150,6 +157,8 @@ class MapAligner {
   std::vector<SubmapId> RegionAround(const std::vector<SubmapId>& seeds, size_t count) const;
   void PlaceSubmap(SubmapId id);
   void AdjustRegion(const std::atomic<bool>& interrupt);
+  // Removes what regions leave: moves all submaps of the component, each as a whole.
+  void Relax(ComponentId component, const std::atomic<bool>* interrupt);
   void PolishLargeComponent(const std::atomic<bool>& interrupt);
   void TakeBackFailed(const std::vector<SubmapId>& region);
   void SeparateMatches(const Closure& closure);
@@ -173,7 +182,18 @@ class MapAligner {
   std::map<ComponentId, int> stale_;
   // Urgency by submap, in large components.
   std::map<SubmapId, int> restless_;
-  // Large components whose regions were adjusted since the whole was.
+  // How often a submap was the centre of a region since the last relaxation.
+  std::map<SubmapId, int> visits_;
+  // Large components in which a region was adjusted since they were relaxed.
+  std::set<ComponentId> strained_;
+  struct Relaxed {
+    size_t submaps = 0;
+    size_t closures = 0;  // of the map
+    double cost = 0;
+  };
+  // As they were when last relaxed.
+  std::map<ComponentId, Relaxed> relaxed_;
+  // Large components that were relaxed since they were last adjusted as a whole.
   std::set<ComponentId> unpolished_;
   // Size of a large component when its scale and vertical were last checked.
   std::map<ComponentId, size_t> metric_checked_size_;

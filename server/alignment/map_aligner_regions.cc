@@ -192,7 +192,11 @@ void MapAligner::PlaceSubmap(SubmapId id) {
 
 void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   if (restless_.empty()) {
-    PolishLargeComponent(interrupt);
+    if (strained_.empty()) {
+      PolishLargeComponent(interrupt);
+    } else {
+      Relax(*strained_.begin(), &interrupt);
+    }
     return;
   }
   const SubmapId seed =
@@ -205,6 +209,10 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     checked_size = model_.SizeOf(component);
     MakeMetric(component);
   }
+  if (static_cast<double>(model_.SizeOf(component)) >
+      options_.relaxing_growth * static_cast<double>(relaxed_[component].submaps)) {
+    Relax(component, nullptr);
+  }
   std::vector<SubmapId> region = RegionAround({seed}, options_.region_submaps);
   std::sort(region.begin(), region.end());
   std::vector<Similarity3> before;
@@ -214,7 +222,8 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     const SubmapId id = region[i];
     if (Movement(model_.submap(id), before[i]) > kRestlessMovement) {
       for (const SubmapId name : relations_.NeighbourNames(model_, id)) {
-        if (!std::binary_search(region.begin(), region.end(), name)) MarkStale(name, 1);
+        if (std::binary_search(region.begin(), region.end(), name)) continue;
+        if (visits_[name] < options_.max_region_visits) MarkStale(name, 1);
       }
     }
     touched_.insert(id);
@@ -225,13 +234,44 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   }
   if (last_adjustment_.summary.interrupted) return;
   restless_.erase(seed);
+  ++visits_[seed];
   for (const SubmapId name : relations_.NeighbourNames(model_, seed)) {
     if (std::binary_search(region.begin(), region.end(), name)) restless_.erase(name);
   }
-  if (model_.SizeOf(component) <= static_cast<size_t>(options_.polished_component_submaps)) {
+  strained_.insert(component);
+  TakeBackFailed(region);
+}
+
+void MapAligner::Relax(ComponentId component, const std::atomic<bool>* interrupt) {
+  const std::vector<SubmapId> ids = model_.SubmapsOf(component);
+  std::map<SubmapId, Similarity3> before;
+  for (const SubmapId id : ids) before.emplace(id, model_.submap(id).world_from_submap);
+  const RelaxationSummary summary =
+      RelaxSubmaps(options_.relaxation, options_.adjuster.metric, ids, interrupt, &model_);
+  if (summary.iterations > 0) TouchComponent(component);
+  if (summary.interrupted) return;
+  strained_.erase(component);
+  for (const SubmapId id : ids) visits_.erase(id);
+  const Relaxed now{ids.size(), closures().size(), summary.final_cost};
+  const Relaxed last = std::exchange(relaxed_[component], now);
+  if (ids.size() <= static_cast<size_t>(options_.polished_component_submaps)) {
     unpolished_.insert(component);
   }
-  TakeBackFailed(region);
+  // The regions' inliers differ from those here: of the same map, only what this and the regions
+  // gain together counts.
+  const double enough = 1 - options_.relaxation.min_decrease;
+  const bool is_same = last.submaps == now.submaps && last.closures == now.closures;
+  if (now.cost > enough * (is_same ? last.cost : summary.initial_cost)) return;
+  // What bent between neighbours is for the regions to adjust.
+  for (const SubmapId id : ids) {
+    const Similarity3 change = model_.submap(id).world_from_submap * before.at(id).Inverse();
+    for (const SubmapId name : relations_.NeighbourNames(model_, id)) {
+      const auto neighbour = before.find(name);
+      if (neighbour == before.end()) continue;
+      const Similarity3 carried = change * neighbour->second;
+      if (Movement(model_.submap(name), carried) > kRestlessMovement) MarkStale(id, 1);
+    }
+  }
 }
 
 void MapAligner::PolishLargeComponent(const std::atomic<bool>& interrupt) {

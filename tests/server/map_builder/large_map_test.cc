@@ -13,8 +13,7 @@
 namespace portolan {
 namespace {
 
-std::unique_ptr<MapBuilder> LargeBuilder() {
-  MapBuilderOptions options;
+std::unique_ptr<MapBuilder> LargeBuilder(MapBuilderOptions options = {}) {
   options.aligner.full_component_submaps = 3;
   options.aligner.region_submaps = 6;
   return std::move(MapBuilder::Create(options)).value();
@@ -39,17 +38,25 @@ TEST(LargeMap, RegionsGetAsExactAsTheWhole) {
   EXPECT_LT(KeyframeRms(mission, *regions->snapshot(), ComponentId(1)), 1.5 * rms + 0.003);
 }
 
-TEST(LargeMap, LoopIsClosedByTheRegionThatItAffects) {
-  SyntheticSubmapsOptions options;
-  options.agents = {{0, 6.8, 10, 1.5}};
-  options.drift_rotation_rad = 0.003;
-  const SyntheticMission mission = MakeSyntheticMission(options);
-  const auto builder = LargeBuilder();
-  IntegrateMission(mission, 0, 99, false, builder.get());
-  EXPECT_GE(builder->snapshot()->closures->size(), 1u);
-  EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.05);
-  Polish(builder.get());
-  EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.015);
+// Without the adjustment of the whole in the end. Regions alone bend this loop from 36 mm to 48 mm;
+// with relaxations between them it comes to 3.5 mm, as a whole to 2.3 mm.
+TEST(LargeMap, RegionsAndRelaxationsCloseALoop) {
+  SyntheticSubmapsOptions world;
+  world.agents = {{0, 6.8, 24, 1.5}};
+  const SyntheticMission mission = MakeSyntheticMission(world);
+  MapBuilderOptions without_polish;
+  without_polish.aligner.polished_component_submaps = 3;
+  const auto whole = std::move(MapBuilder::Create({})).value();
+  const auto regions = LargeBuilder(without_polish);
+  for (MapBuilder* builder : {whole.get(), regions.get()}) {
+    IntegrateMission(mission, 0, 99, false, builder);
+  }
+  const double before = KeyframeRms(mission, *regions->snapshot(), ComponentId(1));
+  for (MapBuilder* builder : {whole.get(), regions.get()}) Polish(builder);
+  EXPECT_GE(regions->snapshot()->closures->size(), 1u);
+  const double after = KeyframeRms(mission, *regions->snapshot(), ComponentId(1));
+  EXPECT_LT(after, 0.2 * before);
+  EXPECT_LT(after, 2 * KeyframeRms(mission, *whole->snapshot(), ComponentId(1)));
 }
 
 TEST(LargeMap, InterruptionLosesNothing) {
@@ -60,7 +67,8 @@ TEST(LargeMap, InterruptionLosesNothing) {
   const std::atomic<bool> interrupted = true;
   for (int i = 0; i < 5; ++i) builder->RunBackgroundWork(interrupted);
   EXPECT_TRUE(builder->HasBackgroundWork());
-  EXPECT_LE(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 1.01 * before);
+  // A relaxation lowers the reprojection errors, which need not be monotonic in the positions.
+  EXPECT_LE(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 1.1 * before);
   Polish(builder.get());
   EXPECT_FALSE(builder->HasBackgroundWork());
   EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.015);
