@@ -1,15 +1,16 @@
 #include "server/alignment/map_relaxation.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/CholmodSupport>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <optional>
 #include <unordered_map>
 #include <utility>
+
+#include "server/alignment/block_system.h"
+#include "server/alignment/relaxation_elements.h"
 
 namespace portolan {
 namespace {
@@ -21,46 +22,6 @@ constexpr double kUnprojectableChi2 = 800.0;
 constexpr int kMaxAttempts = 5;           // to find a step that lowers the cost
 constexpr int kInterruptInterval = 1024;  // landmarks
 constexpr size_t kLossSamples = 10000;    // landmarks whose errors are looked at beforehand
-
-// A submap's two ends. Its frame, by which their tangents are measured, is the start's.
-struct Body {
-  SubmapId id;
-  Similarity3 world_from_submap;
-  std::array<int, 2> nodes;  // start and end; the end is the successor's start
-  // Tangents at the end node, which are in the successor's frame, in this one's.
-  Matrix7d from_end = Matrix7d::Identity();
-  int last_keyframe = 0;
-
-  double PartOf(int keyframe) const {
-    return last_keyframe == 0 ? 0.0 : static_cast<double>(keyframe) / last_keyframe;
-  }
-};
-
-// What the cameras of one submap say about one landmark: sums of J' J and J' r, J with respect to
-// the landmark, weighted by the cameras' shares of the start's and the end's movement.
-struct View {
-  int body = 0;
-  std::array<Eigen::Matrix3d, 2> cross;  // start and end: sum of share J' J
-  Eigen::Matrix3d start_start, start_end, end_end;
-  std::array<Eigen::Vector3d, 2> gradient;  // sum of share J' r
-
-  explicit View(int of_body) : body(of_body) {
-    cross.fill(Eigen::Matrix3d::Zero());
-    start_start.setZero();
-    start_end.setZero();
-    end_end.setZero();
-    gradient.fill(Eigen::Vector3d::Zero());
-  }
-};
-
-struct LinearLandmark {
-  std::vector<View> views;
-  double cost = 0;
-  Eigen::Matrix3d inverse_information = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
-  std::vector<bool> used;    // of the sights
-  std::vector<double> chi2;  // of those used
-};
 
 class Relaxation {
  public:
@@ -107,7 +68,7 @@ class Relaxation {
       const ModelSubmap& submap = model_.submap(id);
       const auto successor = submap.successor ? body_of_.find(*submap.successor) : body_of_.end();
       const int start = static_cast<int>(bodies_.size());
-      Body body;
+      RelaxationBody body;
       body.id = id;
       body.nodes = {start, successor == body_of_.end() ? node_count_++ : successor->second};
       body.last_keyframe = static_cast<int>(submap.world_from_camera.size()) - 1;
@@ -118,8 +79,9 @@ class Relaxation {
   }
 
   void UpdateFrames() {
-    for (Body& body : bodies_) body.world_from_submap = model_.submap(body.id).world_from_submap;
-    for (Body& body : bodies_) {
+    for (RelaxationBody& body : bodies_)
+      body.world_from_submap = model_.submap(body.id).world_from_submap;
+    for (RelaxationBody& body : bodies_) {
       if (body.nodes[1] >= static_cast<int>(bodies_.size())) continue;
       body.from_end =
           (body.world_from_submap.Inverse() * bodies_[body.nodes[1]].world_from_submap).Adjoint();
@@ -173,9 +135,7 @@ class Relaxation {
   // Fills normal equations in which the landmarks are eliminated; returns the cost.
   std::optional<double> Linearize() {
     ChooseLoss();
-    information_.clear();
-    gradient_ = Eigen::VectorXd::Zero(7 * static_cast<Eigen::Index>(node_count_));
-    is_analyzed_ = false;
+    system_.Reset(node_count_);
     double cost = ScaleCost(Eigen::VectorXd());
     LinearLandmark linear;
     int count = 0;
@@ -186,7 +146,7 @@ class Relaxation {
       if (!linear.views.empty()) Eliminate(model_.landmarks()[landmark], linear);
     }
     AddScales();
-    Matrix7d& first = Block(0, 0);
+    Matrix7d& first = system_.Block(0, 0);
     for (int i = 0; i < (scales_.empty() ? 7 : 6); ++i) first(i, i) = 2 * first(i, i) + 1;
     return cost;
   }
@@ -226,7 +186,7 @@ class Relaxation {
       if (linear->views.empty() || linear->views.back().body != body) {
         linear->views.emplace_back(body);
       }
-      View& view = linear->views.back();
+      RelaxationView& view = linear->views.back();
       const double end = bodies_[body].PartOf(sight.keyframe);
       const double start = 1 - end;
       view.cross[0] += start * product;
@@ -245,7 +205,8 @@ class Relaxation {
   }
 
   // Derivative of the point by tangents at the submap's start and end, if all of it moved by them.
-  std::array<Matrix37d, 2> PointJacobians(const Body& body, const Eigen::Vector3d& point) const {
+  std::array<Matrix37d, 2> PointJacobians(const RelaxationBody& body,
+                                          const Eigen::Vector3d& point) const {
     const Similarity3& frame = body.world_from_submap;
     const Eigen::Vector3d in_submap = frame.Inverse() * point;
     const Eigen::Matrix3d scaled = frame.scale * frame.rotation.toRotationMatrix();
@@ -265,32 +226,28 @@ class Relaxation {
     };
     std::vector<Part> parts;
     const Eigen::Vector3d step = linear.inverse_information * linear.gradient;
-    for (const View& view : linear.views) {
-      const Body& body = bodies_[view.body];
+    for (const RelaxationView& view : linear.views) {
+      const RelaxationBody& body = bodies_[view.body];
       const auto jacobians = PointJacobians(body, landmark.point_in_world);
       for (int end = 0; end < 2; ++end) {
         parts.push_back({body.nodes[end], view.cross[end] * jacobians[end]});
-        gradient_.segment<7>(7 * body.nodes[end]) -=
+        system_.gradient().segment<7>(7 * body.nodes[end]) -=
             jacobians[end].transpose() * (view.gradient[end] - view.cross[end] * step);
       }
-      Block(body.nodes[0], body.nodes[0]) +=
+      system_.Block(body.nodes[0], body.nodes[0]) +=
           jacobians[0].transpose() * view.start_start * jacobians[0];
-      Block(body.nodes[1], body.nodes[1]) += jacobians[1].transpose() * view.end_end * jacobians[1];
+      system_.Block(body.nodes[1], body.nodes[1]) +=
+          jacobians[1].transpose() * view.end_end * jacobians[1];
       const int lower = body.nodes[0] > body.nodes[1] ? 0 : 1;
-      Block(body.nodes[lower], body.nodes[1 - lower]) +=
+      system_.Block(body.nodes[lower], body.nodes[1 - lower]) +=
           jacobians[lower].transpose() * view.start_end * jacobians[1 - lower];
     }
     for (const Part& a : parts) {
       const Eigen::Matrix<double, 7, 3> left = a.cross.transpose() * linear.inverse_information;
       for (const Part& b : parts) {
-        if (a.node >= b.node) Block(a.node, b.node) -= left * b.cross;
+        if (a.node >= b.node) system_.Block(a.node, b.node) -= left * b.cross;
       }
     }
-  }
-
-  Matrix7d& Block(int row, int column) {
-    const auto key = (static_cast<uint64_t>(row) << 32) | static_cast<uint64_t>(column);
-    return information_.try_emplace(key, Matrix7d::Zero()).first->second;
   }
 
   // A metric submap's scale, the mean of its ends', is off by log_scale.
@@ -299,11 +256,11 @@ class Relaxation {
       const double information = 1.0 / (scale.sigma * scale.sigma);
       const double error = MovedScale(index) - scale.log_scale;
       const auto [start, end] = bodies_[index].nodes;
-      Block(start, start)(6, 6) += 0.25 * information;
-      Block(end, end)(6, 6) += 0.25 * information;
-      Block(std::max(start, end), std::min(start, end))(6, 6) += 0.25 * information;
-      gradient_[7 * start + 6] += 0.5 * information * error;
-      gradient_[7 * end + 6] += 0.5 * information * error;
+      system_.Block(start, start)(6, 6) += 0.25 * information;
+      system_.Block(end, end)(6, 6) += 0.25 * information;
+      system_.Block(std::max(start, end), std::min(start, end))(6, 6) += 0.25 * information;
+      system_.gradient()[7 * start + 6] += 0.5 * information * error;
+      system_.gradient()[7 * end + 6] += 0.5 * information * error;
     }
   }
 
@@ -328,7 +285,7 @@ class Relaxation {
 
   std::optional<double> Improve(double cost, double* damping) {
     for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
-      if (Interrupted() || !SolveForStep(*damping)) return std::nullopt;
+      if (Interrupted() || !system_.Solve(*damping, &step_)) return std::nullopt;
       const std::optional<double> next = CostAfterStep();
       if (!next) return std::nullopt;
       if (*next < cost) {
@@ -340,32 +297,7 @@ class Relaxation {
     return std::nullopt;
   }
 
-  bool SolveForStep(double damping) {
-    std::vector<Eigen::Triplet<double>> triplets;
-    triplets.reserve(49 * information_.size());
-    for (const auto& [key, block] : information_) {
-      const int row = 7 * static_cast<int>(key >> 32);
-      const int column = 7 * static_cast<int>(key & 0xffffffffu);
-      for (int c = 0; c < 7; ++c) {
-        for (int r = 0; r < 7; ++r) {
-          const bool diagonal = row == column && r == c;
-          triplets.emplace_back(row + r, column + c,
-                                diagonal ? block(r, c) * (1 + damping) + 1e-12 : block(r, c));
-        }
-      }
-    }
-    Eigen::SparseMatrix<double> system(gradient_.size(), gradient_.size());
-    system.setFromTriplets(triplets.begin(), triplets.end());
-    factor_.cholmod().print = 0;
-    if (!is_analyzed_) factor_.analyzePattern(system);
-    is_analyzed_ = true;
-    factor_.factorize(system);
-    if (factor_.info() != Eigen::Success) return false;
-    step_ = factor_.solve(-gradient_);
-    return step_.allFinite();
-  }
-
-  Vector7d StepOf(const Body& body, double part) const {
+  Vector7d StepOf(const RelaxationBody& body, double part) const {
     return (1 - part) * step_.segment<7>(7 * body.nodes[0]) +
            part * (body.from_end * step_.segment<7>(7 * body.nodes[1]));
   }
@@ -373,7 +305,7 @@ class Relaxation {
   // How the step moves the world about every camera.
   void UpdateChanges() {
     for (size_t i = 0; i < bodies_.size(); ++i) {
-      const Body& body = bodies_[i];
+      const RelaxationBody& body = bodies_[i];
       const Similarity3 submap_from_world = body.world_from_submap.Inverse();
       changes_[i].clear();
       for (int k = 0; k <= body.last_keyframe; ++k) {
@@ -386,8 +318,8 @@ class Relaxation {
   Eigen::Vector3d PointAfterStep(const ModelLandmark& landmark,
                                  const LinearLandmark& linear) const {
     Eigen::Vector3d gradient = linear.gradient;
-    for (const View& view : linear.views) {
-      const Body& body = bodies_[view.body];
+    for (const RelaxationView& view : linear.views) {
+      const RelaxationBody& body = bodies_[view.body];
       const auto jacobians = PointJacobians(body, landmark.point_in_world);
       for (int end = 0; end < 2; ++end) {
         gradient -= view.cross[end] * (jacobians[end] * step_.segment<7>(7 * body.nodes[end]));
@@ -448,7 +380,7 @@ class Relaxation {
     }
     for (size_t i = 0; i < landmarks_.size(); ++i) model_.SetLandmark(landmarks_[i], points_[i]);
     for (const auto& [body, scale] : scales_) log_scale_moved_[body] += ScaleStep(body);
-    for (const Body& body : bodies_) model_.FitSubmapToCameras(body.id);
+    for (const RelaxationBody& body : bodies_) model_.FitSubmapToCameras(body.id);
     UpdateFrames();
   }
 
@@ -456,19 +388,16 @@ class Relaxation {
   const std::atomic<bool>* interrupt_;
   MapModel& model_;
   std::unordered_map<SubmapId, int> body_of_;
-  std::vector<Body> bodies_;
+  std::vector<RelaxationBody> bodies_;
   int node_count_ = 0;                      // starts by body, then the ends of sessions
   std::map<int, ScaleMeasurement> scales_;  // by body
   std::map<int, double> log_scale_moved_;
-  std::vector<int> landmarks_;                          // in the model
-  double loss_square_ = 1;                              // of the scale of the Cauchy loss
-  std::unordered_map<uint64_t, Matrix7d> information_;  // blocks of the lower triangle
-  Eigen::VectorXd gradient_;
+  std::vector<int> landmarks_;  // in the model
+  double loss_square_ = 1;      // of the scale of the Cauchy loss
+  BlockSystem system_;
   Eigen::VectorXd step_;
   std::vector<std::vector<Similarity3>> changes_;  // of the world, by body and keyframe
   std::vector<Eigen::Vector3d> points_;            // after the step
-  Eigen::CholmodDecomposition<Eigen::SparseMatrix<double>, Eigen::Lower> factor_;
-  bool is_analyzed_ = false;
   RelaxationSummary summary_;
 };
 

@@ -1,0 +1,51 @@
+#include "server/alignment/block_system.h"
+
+#include <Eigen/CholmodSupport>
+#include <vector>
+
+namespace portolan {
+
+class BlockSystem::Factor
+    : public Eigen::CholmodDecomposition<Eigen::SparseMatrix<double>, Eigen::Lower> {};
+
+BlockSystem::BlockSystem() : factor_(std::make_unique<Factor>()) { factor_->cholmod().print = 0; }
+
+BlockSystem::~BlockSystem() = default;
+
+void BlockSystem::Reset(int blocks) {
+  information_.clear();
+  gradient_ = Eigen::VectorXd::Zero(7 * static_cast<Eigen::Index>(blocks));
+  is_analyzed_ = false;
+}
+
+Matrix7d& BlockSystem::Block(int row, int column) {
+  const auto key = (static_cast<uint64_t>(row) << 32) | static_cast<uint64_t>(column);
+  return information_.try_emplace(key, Matrix7d::Zero()).first->second;
+}
+
+bool BlockSystem::Solve(double damping, Eigen::VectorXd* step) {
+  std::vector<Eigen::Triplet<double>> triplets;
+  triplets.reserve(49 * information_.size());
+  for (const auto& [key, block] : information_) {
+    const int row = 7 * static_cast<int>(key >> 32);
+    const int column = 7 * static_cast<int>(key & 0xffffffffu);
+    for (int c = 0; c < 7; ++c) {
+      for (int r = 0; r < 7; ++r) {
+        // The last summand: a block that nothing informs stays where it is.
+        const bool is_diagonal = row == column && r == c;
+        triplets.emplace_back(row + r, column + c,
+                              is_diagonal ? block(r, c) * (1 + damping) + 1e-12 : block(r, c));
+      }
+    }
+  }
+  Eigen::SparseMatrix<double> system(gradient_.size(), gradient_.size());
+  system.setFromTriplets(triplets.begin(), triplets.end());
+  if (!is_analyzed_) factor_->analyzePattern(system);
+  is_analyzed_ = true;
+  factor_->factorize(system);
+  if (factor_->info() != Eigen::Success) return false;
+  *step = factor_->solve(-gradient_);
+  return step->allFinite();
+}
+
+}  // namespace portolan

@@ -1,0 +1,38 @@
+// Normal equations in blocks of seven (a similarity's tangent), filled block by block.
+#ifndef PORTOLAN_SERVER_ALIGNMENT_BLOCK_SYSTEM_H_
+#define PORTOLAN_SERVER_ALIGNMENT_BLOCK_SYSTEM_H_
+
+#include <cstdint>
+#include <memory>
+#include <unordered_map>
+
+#include "common/geometry/similarity3.h"
+
+namespace portolan {
+
+// information step = -gradient. Thread-compatible.
+class BlockSystem {
+ public:
+  BlockSystem();
+  ~BlockSystem();
+
+  // All zero.
+  void Reset(int blocks);
+  // Of the lower triangle: row >= column. In a block on the diagonal all of it counts.
+  Matrix7d& Block(int row, int column);
+  Eigen::VectorXd& gradient() { return gradient_; }
+  // With the diagonal multiplied by 1 + damping. False if the matrix is not positive definite.
+  bool Solve(double damping, Eigen::VectorXd* step);
+
+ private:
+  class Factor;
+
+  std::unordered_map<uint64_t, Matrix7d> information_;
+  Eigen::VectorXd gradient_;
+  std::unique_ptr<Factor> factor_;
+  bool is_analyzed_ = false;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_ALIGNMENT_BLOCK_SYSTEM_H_

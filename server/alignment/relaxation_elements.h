@@ -1,0 +1,55 @@
+// What a map relaxation is made of: submaps with two ends, and their views of landmarks.
+#ifndef PORTOLAN_SERVER_ALIGNMENT_RELAXATION_ELEMENTS_H_
+#define PORTOLAN_SERVER_ALIGNMENT_RELAXATION_ELEMENTS_H_
+
+#include <array>
+#include <vector>
+
+#include "common/base/strong_id.h"
+#include "common/geometry/similarity3.h"
+
+namespace portolan {
+
+// A submap's two ends. Its frame, by which their tangents are measured, is the start's.
+struct RelaxationBody {
+  SubmapId id;
+  Similarity3 world_from_submap;
+  std::array<int, 2> nodes;  // start and end; the end is the successor's start
+  // Tangents at the end node, which are in the successor's frame, in this one's.
+  Matrix7d from_end = Matrix7d::Identity();
+  int last_keyframe = 0;
+
+  double PartOf(int keyframe) const {
+    return last_keyframe == 0 ? 0.0 : static_cast<double>(keyframe) / last_keyframe;
+  }
+};
+
+// What the cameras of one submap say about one landmark: sums of J' J and J' r, J with respect to
+// the landmark, weighted by the cameras' shares of the start's and the end's movement.
+struct RelaxationView {
+  int body = 0;
+  std::array<Eigen::Matrix3d, 2> cross;  // start and end: sum of share J' J
+  Eigen::Matrix3d start_start, start_end, end_end;
+  std::array<Eigen::Vector3d, 2> gradient;  // sum of share J' r
+
+  explicit RelaxationView(int of_body) : body(of_body) {
+    cross.fill(Eigen::Matrix3d::Zero());
+    start_start.setZero();
+    start_end.setZero();
+    end_end.setZero();
+    gradient.fill(Eigen::Vector3d::Zero());
+  }
+};
+
+struct LinearLandmark {
+  std::vector<RelaxationView> views;
+  double cost = 0;
+  Eigen::Matrix3d inverse_information = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+  std::vector<bool> used;    // of the sights
+  std::vector<double> chi2;  // of those used
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_ALIGNMENT_RELAXATION_ELEMENTS_H_
