@@ -4,6 +4,8 @@
 #include <filesystem>
 #include <iostream>
 #include <optional>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "absl/strings/numbers.h"
@@ -27,7 +29,8 @@ evaluated under one joint alignment, and each alone.
   --estimate FILE        a trajectory; repeat it for several agents
   --groundtruth FILE     ground truth for all agents, or repeat it, one for each estimate
                          Files: TUM, EuRoC csv (told by its commas), or KITTI as POSES,TIMES
-  --name NAME            label of an estimate, in order (its file name)
+  --name NAME            label of an estimate, in order (its file name, with its folder where
+                         two are the same)
   --align MODE           none, yaw, se3 or sim3 (sim3)
   --stamps FILE          times of the images (first column, seconds): the ground truth is
                          interpolated to them, so that coverage counts images; once or one for
@@ -164,19 +167,34 @@ struct LoadedAgents {
   std::vector<TrajectoryPair> pairs;
 };
 
+// File names, or, where two are the same, with their folders'.
+std::vector<std::string> LabelsOf(const std::vector<std::string>& paths) {
+  std::set<std::string> names;
+  for (const std::string& path : paths) {
+    names.insert(std::filesystem::path(path).filename().string());
+  }
+  std::vector<std::string> labels;
+  for (const std::string& text : paths) {
+    const std::filesystem::path path(text);
+    labels.push_back(names.size() == paths.size()
+                         ? path.filename().string()
+                         : (path.parent_path().filename() / path.filename()).string());
+  }
+  return labels;
+}
+
 StatusOr<LoadedAgents> LoadAgents(const EvaluateArguments& arguments) {
   PORTOLAN_ASSIGN_OR_RETURN(const std::optional<Rigid3> body_from_camera,
                             ReadBodyFromCamera(arguments.camera));
   const auto at = [](const std::vector<std::string>& list, size_t i) {
     return list.empty() ? std::string() : list[list.size() == 1 ? 0 : i];
   };
+  const std::vector<std::string> labels = LabelsOf(arguments.estimates);
   LoadedAgents agents;
   const bool is_shared = arguments.groundtruths.size() == 1 && arguments.stamps.size() <= 1;
   for (size_t i = 0; i < arguments.estimates.size(); ++i) {
     TrajectoryPair pair;
-    pair.name = i < arguments.names.size()
-                    ? arguments.names[i]
-                    : std::filesystem::path(arguments.estimates[i]).filename().string();
+    pair.name = i < arguments.names.size() ? arguments.names[i] : labels[i];
     if (is_shared && i > 0) {
       pair.reference = agents.pairs[0].reference;
     } else {

@@ -7,36 +7,27 @@
 #include <memory>
 
 #include "server/refinement/bundle_costs.h"
+#include "server/refinement/dense_bundle_solver.h"
 
 namespace portolan {
 namespace {
 
-// One Levenberg-Marquardt solve over the present inliers.
-class Round {
+// For problems with many free cameras.
+class CeresSolve {
  public:
-  Round(const BundleOptions& options, const BundleProblem& problem)
+  CeresSolve(const BundleOptions& options, const BundleProblem& problem,
+             BundleParameters* parameters)
       : options_(options),
         data_(problem),
-        median_depth_(MedianDepth(problem)),
+        parameters_(*parameters),
         loss_(options.loss_scale_sigmas),
         ceres_(CeresOptions()) {}
 
-  ceres::Solver::Summary Solve(const std::atomic<bool>* interrupt) {
-    AddReferences();
+  BundleSolve Run(const std::atomic<bool>* interrupt) {
     AddResiduals();
-    return RunCeres(interrupt);
-  }
-
-  void WriteTo(BundleProblem* problem) const {
-    for (size_t i = 0; i < cameras_.size(); ++i) {
-      if (!cameras_used_[i] || data_.cameras[i].fixed) continue;
-      problem->cameras[i].world_from_camera = camera_references_[i].Apply(cameras_[i].data());
-    }
-    const double min_rho = MinRho();
-    for (size_t i = 0; i < points_.size(); ++i) {
-      if (!PointIsAdjusted(i)) continue;
-      problem->points[i].point_in_world = point_references_[i].Apply(points_[i].data(), min_rho);
-    }
+    const ceres::Solver::Summary summary = RunCeres(interrupt);
+    return {summary.IsSolutionUsable() && summary.num_residual_blocks > 0, summary.initial_cost,
+            summary.final_cost, static_cast<int>(summary.iterations.size()) - 1};
   }
 
  private:
@@ -47,77 +38,50 @@ class Round {
     return options;
   }
 
-  double MinRho() const { return 1.0 / (options_.max_depth_medians * median_depth_); }
-
-  bool PointIsAdjusted(size_t i) const { return inliers_[i] >= 2 && !data_.points[i].fixed; }
-
-  // Anchors every point at the first camera that sees it.
-  void AddReferences() {
-    for (const BundleCamera& camera : data_.cameras) {
-      camera_references_.push_back({camera.world_from_camera, camera.model});
-    }
-    cameras_.assign(data_.cameras.size(), {});
-    cameras_used_.assign(data_.cameras.size(), false);
-    points_.assign(data_.points.size(), {});
-    point_references_.resize(data_.points.size());
-    inliers_.assign(data_.points.size(), 0);
-    for (const BundleObservation& observation : data_.observations) {
-      if (!observation.inlier || inliers_[observation.point]++ > 0) continue;
-      const Eigen::Vector3d& anchor =
-          data_.cameras[observation.camera].world_from_camera.translation;
-      const Eigen::Vector3d& point = data_.points[observation.point].point_in_world;
-      point_references_[observation.point] = PointReference::At(anchor, point);
-      points_[observation.point][2] = 1.0 / std::max((point - anchor).norm(), 1e-9);
-    }
-  }
-
   void AddResiduals() {
     for (const BundleObservation& observation : data_.observations) {
-      if (!observation.inlier || inliers_[observation.point] < 2) continue;
-      if (data_.cameras[observation.camera].fixed && data_.points[observation.point].fixed) {
-        continue;
-      }
-      ceres_.AddResidualBlock(new ReprojectionCost(&camera_references_[observation.camera],
-                                                   &point_references_[observation.point],
-                                                   observation.pixel, observation.sigma_px),
-                              &loss_, cameras_[observation.camera].data(),
-                              points_[observation.point].data());
-      cameras_used_[observation.camera] = true;
+      if (!parameters_.HasSay(data_, observation)) continue;
+      ceres_.AddResidualBlock(
+          new ReprojectionCost(&parameters_.camera_references[observation.camera],
+                               &parameters_.point_references[observation.point], observation.pixel,
+                               observation.sigma_px),
+          &loss_, parameters_.cameras[observation.camera].data(),
+          parameters_.points[observation.point].data());
     }
     AddPriors();
-    for (size_t i = 0; i < cameras_.size(); ++i) {
-      if (cameras_used_[i] && data_.cameras[i].fixed) {
-        ceres_.SetParameterBlockConstant(cameras_[i].data());
+    for (size_t i = 0; i < parameters_.cameras.size(); ++i) {
+      if (parameters_.cameras_used[i] && data_.cameras[i].fixed) {
+        ceres_.SetParameterBlockConstant(parameters_.cameras[i].data());
       }
     }
   }
 
   void AddPriors() {
-    for (size_t i = 0; i < points_.size(); ++i) {
-      if (inliers_[i] < 2) continue;
-      if (data_.points[i].fixed) {
-        if (ceres_.HasParameterBlock(points_[i].data())) {
-          ceres_.SetParameterBlockConstant(points_[i].data());
-        }
-        continue;
+    for (size_t i = 0; i < parameters_.points.size(); ++i) {
+      double* point = parameters_.points[i].data();
+      if (parameters_.IsAdjusted(data_, i)) {
+        ceres_.AddResidualBlock(
+            new InverseDepthCost(point[2], parameters_.InverseDepthSigma(options_, i)), nullptr,
+            point);
+      } else if (ceres_.HasParameterBlock(point)) {
+        ceres_.SetParameterBlockConstant(point);
       }
-      const double rho = points_[i][2];
-      const double sigma = std::max(options_.inverse_depth_prior_relative * rho,
-                                    options_.inverse_depth_prior_of_median / median_depth_);
-      ceres_.AddResidualBlock(new InverseDepthCost(rho, sigma), nullptr, points_[i].data());
     }
-    for (size_t i = 0; i < cameras_.size(); ++i) {
+    for (size_t i = 0; i < parameters_.cameras.size(); ++i) {
       const BundleCamera& camera = data_.cameras[i];
-      if (!cameras_used_[i] || camera.fixed || !camera.prior) continue;
-      ceres_.AddResidualBlock(new PositionCost(&camera_references_[i], *camera.prior), nullptr,
-                              cameras_[i].data());
+      if (!parameters_.cameras_used[i] || camera.fixed || !camera.prior) continue;
+      ceres_.AddResidualBlock(new PositionCost(&parameters_.camera_references[i], *camera.prior),
+                              nullptr, parameters_.cameras[i].data());
     }
     for (const DistancePrior& prior : data_.distances) {
-      if (!cameras_used_[prior.camera_a] || !cameras_used_[prior.camera_b]) continue;
-      ceres_.AddResidualBlock(
-          new DistanceCost(&camera_references_[prior.camera_a], &camera_references_[prior.camera_b],
-                           prior.distance, prior.sigma_log),
-          nullptr, cameras_[prior.camera_a].data(), cameras_[prior.camera_b].data());
+      if (!parameters_.cameras_used[prior.camera_a] || !parameters_.cameras_used[prior.camera_b]) {
+        continue;
+      }
+      ceres_.AddResidualBlock(new DistanceCost(&parameters_.camera_references[prior.camera_a],
+                                               &parameters_.camera_references[prior.camera_b],
+                                               prior.distance, prior.sigma_log),
+                              nullptr, parameters_.cameras[prior.camera_a].data(),
+                              parameters_.cameras[prior.camera_b].data());
     }
   }
 
@@ -138,21 +102,16 @@ class Round {
     solver.function_tolerance = options_.function_tolerance;
     solver.num_threads = options_.num_threads;
     solver.logging_type = ceres::SILENT;
-    int free_cameras = 0;
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-    for (size_t i = 0; i < cameras_.size(); ++i) {
-      if (!cameras_used_[i]) continue;
-      ordering->AddElementToGroup(cameras_[i].data(), 1);
-      if (!data_.cameras[i].fixed) ++free_cameras;
+    for (size_t i = 0; i < parameters_.cameras.size(); ++i) {
+      if (!parameters_.cameras_used[i]) continue;
+      ordering->AddElementToGroup(parameters_.cameras[i].data(), 1);
     }
-    for (size_t i = 0; i < points_.size(); ++i) {
-      if (inliers_[i] >= 2 && ceres_.HasParameterBlock(points_[i].data())) {
-        ordering->AddElementToGroup(points_[i].data(), 0);
-      }
+    for (std::array<double, 3>& point : parameters_.points) {
+      if (ceres_.HasParameterBlock(point.data())) ordering->AddElementToGroup(point.data(), 0);
     }
     solver.linear_solver_ordering = ordering;
-    // Under some fifty cameras the dense factorisation wins over the sparse one's bookkeeping.
-    solver.linear_solver_type = free_cameras < 50 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+    solver.linear_solver_type = ceres::SPARSE_SCHUR;
     std::unique_ptr<InterruptCallback> callback;
     if (interrupt != nullptr) {
       callback = std::make_unique<InterruptCallback>(interrupt);
@@ -165,16 +124,18 @@ class Round {
 
   const BundleOptions& options_;
   const BundleProblem& data_;
-  double median_depth_;
-  std::vector<CameraReference> camera_references_;
-  std::vector<std::array<double, 6>> cameras_;
-  std::vector<bool> cameras_used_;
-  std::vector<PointReference> point_references_;
-  std::vector<std::array<double, 3>> points_;
-  std::vector<int> inliers_;  // of a point
+  BundleParameters& parameters_;
   ceres::CauchyLoss loss_;
   ceres::Problem ceres_;  // last: it refers to all of the above
 };
+
+int FreeCameras(const BundleProblem& problem, const BundleParameters& parameters) {
+  int count = 0;
+  for (size_t i = 0; i < problem.cameras.size(); ++i) {
+    if (parameters.cameras_used[i] && !problem.cameras[i].fixed) ++count;
+  }
+  return count;
+}
 
 void MarkInliers(const BundleOptions& options, BundleProblem* problem, BundleSummary* summary) {
   summary->inlier_count = 0;
@@ -196,7 +157,7 @@ void MarkInliers(const BundleOptions& options, BundleProblem* problem, BundleSum
 }  // namespace
 
 Status BundleOptions::Validate() const {
-  if (max_iterations < 1 || rounds < 1 || num_threads < 1) {
+  if (max_iterations < 1 || rounds < 1 || num_threads < 1 || max_dense_cameras < 0) {
     return absl::InvalidArgumentError("bundle: iterations, rounds and threads must be positive");
   }
   if (!(loss_scale_sigmas > 0) || !(outlier_chi2 > 0) || !(function_tolerance >= 0)) {
@@ -213,15 +174,17 @@ BundleSummary AdjustBundle(const BundleOptions& options, const std::atomic<bool>
                            BundleProblem* problem) {
   BundleSummary summary;
   for (int i = 0; i < options.rounds && !summary.interrupted; ++i) {
-    Round round(options, *problem);
-    const ceres::Solver::Summary result = round.Solve(interrupt);
-    if (!result.IsSolutionUsable() || result.num_residual_blocks == 0) break;
-    if (i == 0) summary.initial_cost = result.initial_cost;
-    summary.final_cost = result.final_cost;
-    summary.iterations += static_cast<int>(result.iterations.size()) - 1;
+    BundleParameters parameters(*problem);
+    const bool is_small = FreeCameras(*problem, parameters) <= options.max_dense_cameras;
+    const BundleSolve solve = is_small ? SolveDenseBundle(options, *problem, interrupt, &parameters)
+                                       : CeresSolve(options, *problem, &parameters).Run(interrupt);
+    if (!solve.usable) break;
+    if (i == 0) summary.initial_cost = solve.initial_cost;
+    summary.final_cost = solve.final_cost;
+    summary.iterations += solve.iterations;
     summary.usable = true;
     summary.interrupted = interrupt != nullptr && *interrupt;
-    round.WriteTo(problem);
+    parameters.WriteTo(options, problem);
     MarkInliers(options, problem, &summary);
   }
   return summary;

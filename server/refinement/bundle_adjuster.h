@@ -1,4 +1,4 @@
-// Bundle adjustment with Ceres: robust loss, Schur complement, outliers removed between rounds.
+// Bundle adjustment: robust loss, Schur complement, outliers removed between rounds.
 #ifndef PORTOLAN_SERVER_REFINEMENT_BUNDLE_ADJUSTER_H_
 #define PORTOLAN_SERVER_REFINEMENT_BUNDLE_ADJUSTER_H_
 
@@ -31,6 +31,9 @@ struct BundleOptions {
   // Points farther than this many median depths are held at this distance.
   double max_depth_medians = 1000.0;
   int num_threads = 1;
+  // Up to so many free cameras the system is dense and solved by dense_bundle_solver.h, a larger
+  // one by Ceres.
+  int max_dense_cameras = 80;
 
   Status Validate() const;
 };

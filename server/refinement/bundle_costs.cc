@@ -45,43 +45,48 @@ Eigen::Matrix3d PointReference::PointJacobian(const double* parameters, double m
   return jacobian;
 }
 
-bool ReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
-                                double** jacobians) const {
-  const Vector3Map rotation_tangent(parameters[0] + 3);
-  const Rigid3 pose = camera_->Apply(parameters[0]);
+void ReprojectionError::Evaluate(const double* camera, const double* point, double* residual,
+                                 double* d_camera, double* d_point) const {
+  const Rigid3 pose = camera_->Apply(camera);
   const Eigen::Matrix3d camera_from_world = pose.rotation.conjugate().toRotationMatrix();
-  const double rho = parameters[1][2];
-  const Eigen::Vector3d direction =
-      point_->axes * Eigen::Vector3d(parameters[1][0], parameters[1][1], 1.0);
+  const double rho = point[2];
+  const Eigen::Vector3d direction = point_->axes * Eigen::Vector3d(point[0], point[1], 1.0);
   const Eigen::Vector3d anchor_from_camera = point_->anchor_in_world - pose.translation;
   // The point in the camera, up to the positive factor rho, which no pixel depends on.
   const Eigen::Vector3d scaled_point = camera_from_world * (direction + rho * anchor_from_camera);
 
-  Eigen::Map<Eigen::Vector2d> residual(residuals);
+  const bool is_derived = d_camera != nullptr || d_point != nullptr;
+  Eigen::Map<Eigen::Vector2d> error(residual);
   Matrix23d d_pixel_d_point = Matrix23d::Zero();
   const std::optional<Eigen::Vector2d> pixel =
-      camera_->model->Project(scaled_point, jacobians == nullptr ? nullptr : &d_pixel_d_point);
+      camera_->model->Project(scaled_point, is_derived ? &d_pixel_d_point : nullptr);
   if (pixel) {
-    residual = (*pixel - pixel_) * inverse_sigma_;
+    error = (*pixel - pixel_) * inverse_sigma_;
     d_pixel_d_point *= inverse_sigma_;
   } else {
-    residual.setConstant(kUnprojectableResidual);
+    error.setConstant(kUnprojectableResidual);
     d_pixel_d_point.setZero();
   }
-  if (jacobians == nullptr) return true;
-  if (jacobians[0] != nullptr) {
-    Eigen::Map<Eigen::Matrix<double, 2, 6, Eigen::RowMajor>> d_camera(jacobians[0]);
-    d_camera.leftCols<3>() = -rho * d_pixel_d_point * camera_from_world *
-                             camera_->world_from_camera.rotation.toRotationMatrix();
-    d_camera.rightCols<3>() =
-        d_pixel_d_point * Skew(scaled_point) * RotationRightJacobian(rotation_tangent);
+  if (d_camera != nullptr) {
+    Eigen::Map<Eigen::Matrix<double, 2, 6, Eigen::RowMajor>> map(d_camera);
+    map.leftCols<3>() = -rho * d_pixel_d_point * camera_from_world *
+                        camera_->world_from_camera.rotation.toRotationMatrix();
+    map.rightCols<3>() =
+        d_pixel_d_point * Skew(scaled_point) * RotationRightJacobian(Vector3Map(camera + 3));
   }
-  if (jacobians[1] != nullptr) {
-    Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>> d_point(jacobians[1]);
+  if (d_point != nullptr) {
+    Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>> map(d_point);
     const Matrix23d d_pixel_d_world = d_pixel_d_point * camera_from_world;
-    d_point.leftCols<2>() = d_pixel_d_world * point_->axes.leftCols<2>();
-    d_point.col(2) = d_pixel_d_world * anchor_from_camera;
+    map.leftCols<2>() = d_pixel_d_world * point_->axes.leftCols<2>();
+    map.col(2) = d_pixel_d_world * anchor_from_camera;
   }
+}
+
+bool ReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
+                                double** jacobians) const {
+  error_.Evaluate(parameters[0], parameters[1], residuals,
+                  jacobians == nullptr ? nullptr : jacobians[0],
+                  jacobians == nullptr ? nullptr : jacobians[1]);
   return true;
 }
 

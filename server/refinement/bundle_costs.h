@@ -43,21 +43,37 @@ struct PointReference {
 
 // (pixel - observed) / sigma. A point that does not project costs a constant: it neither steers
 // the step nor fails the solve, and the outlier test removes the observation.
-class ReprojectionCost : public ceres::SizedCostFunction<2, 6, 3> {
+class ReprojectionError {
  public:
-  // The references are not owned and outlive the cost.
-  ReprojectionCost(const CameraReference* camera, const PointReference* point,
-                   const Eigen::Vector2d& pixel, double sigma_px)
+  // The references are not owned and outlive this.
+  ReprojectionError(const CameraReference* camera, const PointReference* point,
+                    const Eigen::Vector2d& pixel, double sigma_px)
       : camera_(camera), point_(point), pixel_(pixel), inverse_sigma_(1.0 / sigma_px) {}
 
-  bool Evaluate(double const* const* parameters, double* residuals,
-                double** jacobians) const override;
+  // The residual (2) and, where not null, its row-major derivatives by camera (2 x 6) and point
+  // (2 x 3).
+  void Evaluate(const double* camera, const double* point, double* residual, double* d_camera,
+                double* d_point) const;
 
  private:
   const CameraReference* camera_;
   const PointReference* point_;
   Eigen::Vector2d pixel_;
   double inverse_sigma_;
+};
+
+// The same for Ceres.
+class ReprojectionCost : public ceres::SizedCostFunction<2, 6, 3> {
+ public:
+  ReprojectionCost(const CameraReference* camera, const PointReference* point,
+                   const Eigen::Vector2d& pixel, double sigma_px)
+      : error_(camera, point, pixel, sigma_px) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override;
+
+ private:
+  ReprojectionError error_;
 };
 
 // (t - position) / sigma.

@@ -72,6 +72,18 @@ TEST_F(EvaluateCommand, PrintsJsonForSeveralAgents) {
                     testing::ContainsRegex("\"scale_error\": 0[.](1|0999999)")));
 }
 
+TEST_F(EvaluateCommand, FilesOfOneNameAreToldApartByTheirFolders) {
+  const std::string truth = Write("gt.txt", Spiral(1, 0, 100));
+  std::filesystem::create_directory(dir_ / "a");
+  std::filesystem::create_directory(dir_ / "b");
+  const std::string first = Write("a/live.tum", Spiral(1.1, 0, 50));
+  const std::string second = Write("b/live.tum", Spiral(1.1, 50, 100));
+  const Outcome outcome =
+      Evaluate({"--estimate", first, "--estimate", second, "--groundtruth", truth});
+  EXPECT_EQ(outcome.code, 0) << outcome.errors;
+  EXPECT_THAT(outcome.output, AllOf(HasSubstr("a/live.tum"), HasSubstr("b/live.tum")));
+}
+
 TEST_F(EvaluateCommand, StampsSetWhatCoverageCounts) {
   Trajectory dense;  // ground truth at 200 Hz: an estimate at 20 Hz is near only some stamps
   for (int i = 0; i < 400; ++i) {

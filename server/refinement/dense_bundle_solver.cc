@@ -1,0 +1,341 @@
+#include "server/refinement/dense_bundle_solver.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace portolan {
+namespace {
+
+using Matrix26d = Eigen::Matrix<double, 2, 6, Eigen::RowMajor>;
+using Matrix23r = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
+using Matrix63d = Eigen::Matrix<double, 6, 3>;
+
+// Damping relative to the diagonal: at the start, and the smallest.
+constexpr double kInitialDamping = 1e-4;
+constexpr double kMinDamping = 1e-12;
+constexpr double kMaxDamping = 1e12;
+// Of the diagonal that is damped, as the unknowns' scales are not known.
+constexpr double kMinDiagonal = 1e-6;
+constexpr double kMaxDiagonal = 1e32;
+
+// One observation that has a say.
+struct Term {
+  int camera = 0;
+  int row = -1;  // of the camera's unknowns; -1 if it is held
+  ReprojectionError error;
+  // Weighted by the root of the loss's slope.
+  Eigen::Vector2d residual = Eigen::Vector2d::Zero();
+  Matrix26d d_camera = Matrix26d::Zero();
+  Matrix23r d_point = Matrix23r::Zero();
+};
+
+// The terms of one point, one after another.
+struct PointTerms {
+  int point = 0;
+  size_t begin = 0;
+  size_t end = 0;
+  bool is_free = true;
+  double rho = 0;  // prior
+  double inverse_sigma = 0;
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+  // Damped, of the last step that was tried.
+  Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
+};
+
+struct Unknowns {
+  std::vector<std::array<double, 6>> cameras;
+  std::vector<std::array<double, 3>> points;
+};
+
+struct Coupling {
+  int row;
+  Matrix63d plain;
+  Matrix63d weighted;  // times the point's inverse information
+};
+
+class Solver {
+ public:
+  Solver(const BundleOptions& options, const BundleProblem& problem,
+         const std::atomic<bool>* interrupt, BundleParameters* parameters)
+      : options_(options), problem_(problem), interrupt_(interrupt), parameters_(*parameters) {
+    for (size_t i = 0; i < problem.cameras.size(); ++i) {
+      const bool is_free = parameters_.cameras_used[i] && !problem.cameras[i].fixed;
+      rows_of_.push_back(is_free ? rows_ : -1);
+      if (is_free) rows_ += 6;
+    }
+    AddTerms();
+  }
+
+  BundleSolve Run() {
+    BundleSolve result;
+    if (terms_.empty()) return result;
+    double cost = Cost();
+    result.initial_cost = result.final_cost = cost;
+    if (!std::isfinite(cost)) return result;
+    result.usable = true;
+    double damping = kInitialDamping;
+    double growth = 2;
+    bool is_linear = false;
+    for (; result.iterations < options_.max_iterations; ++result.iterations) {
+      if (interrupt_ != nullptr && *interrupt_) break;
+      if (!is_linear) Linearize();
+      is_linear = true;
+      const Unknowns before = {parameters_.cameras, parameters_.points};
+      double expected = 0;
+      const bool is_solved = Step(damping, &expected);
+      const double next = is_solved ? Cost() : std::numeric_limits<double>::infinity();
+      if (!(next <= cost)) {
+        parameters_.cameras = before.cameras;
+        parameters_.points = before.points;
+        damping *= growth;
+        growth *= 2;
+        if (damping > kMaxDamping) break;
+        continue;
+      }
+      // Nielsen's rule: the better the linear model told the gain, the less damping.
+      const double gain = expected > 0 ? (cost - next) / expected : 1;
+      damping = std::max(kMinDamping, damping * std::max(1.0 / 3, 1 - std::pow(2 * gain - 1, 3)));
+      growth = 2;
+      const bool is_done = cost - next <= options_.function_tolerance * cost;
+      cost = next;
+      is_linear = false;
+      if (is_done) {
+        ++result.iterations;
+        break;
+      }
+    }
+    result.final_cost = cost;
+    return result;
+  }
+
+ private:
+  void AddTerms() {
+    std::vector<std::vector<int>> observations_of(problem_.points.size());
+    for (size_t i = 0; i < problem_.observations.size(); ++i) {
+      const BundleObservation& observation = problem_.observations[i];
+      if (!parameters_.HasSay(problem_, observation)) continue;
+      observations_of[observation.point].push_back(static_cast<int>(i));
+    }
+    for (size_t point = 0; point < observations_of.size(); ++point) {
+      if (observations_of[point].empty()) continue;
+      PointTerms terms;
+      terms.point = static_cast<int>(point);
+      terms.begin = terms_.size();
+      for (const int i : observations_of[point]) {
+        const BundleObservation& observation = problem_.observations[i];
+        terms_.push_back({observation.camera, rows_of_[observation.camera],
+                          ReprojectionError(&parameters_.camera_references[observation.camera],
+                                            &parameters_.point_references[point], observation.pixel,
+                                            observation.sigma_px)});
+      }
+      terms.end = terms_.size();
+      terms.is_free = parameters_.IsAdjusted(problem_, point);
+      terms.rho = parameters_.points[point][2];
+      terms.inverse_sigma = 1 / parameters_.InverseDepthSigma(options_, point);
+      points_.push_back(terms);
+    }
+  }
+
+  double RobustCost(double chi2) const {
+    const double square = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
+    return 0.5 * square * std::log1p(chi2 / square);
+  }
+
+  // Calls function(residual rows as a vector, camera a, its Jacobian, camera b, its Jacobian).
+  template <typename Function>
+  void ForEachPrior(const Function& function) const {
+    for (size_t i = 0; i < problem_.cameras.size(); ++i) {
+      const BundleCamera& camera = problem_.cameras[i];
+      if (rows_of_[i] < 0 || !camera.prior) continue;
+      const PositionCost cost(&parameters_.camera_references[i], *camera.prior);
+      Eigen::Vector3d residual;
+      Eigen::Matrix<double, 3, 6, Eigen::RowMajor> jacobian;
+      const double* unknowns = parameters_.cameras[i].data();
+      double* jacobians = jacobian.data();
+      cost.Evaluate(&unknowns, residual.data(), &jacobians);
+      for (int row = 0; row < 3; ++row) {
+        function(residual[row], rows_of_[i], jacobian.row(row), -1, jacobian.row(row));
+      }
+    }
+    for (const DistancePrior& prior : problem_.distances) {
+      if (!parameters_.cameras_used[prior.camera_a] || !parameters_.cameras_used[prior.camera_b]) {
+        continue;
+      }
+      const DistanceCost cost(&parameters_.camera_references[prior.camera_a],
+                              &parameters_.camera_references[prior.camera_b], prior.distance,
+                              prior.sigma_log);
+      double residual = 0;
+      Eigen::Matrix<double, 1, 6> d_a, d_b;
+      const std::array<const double*, 2> unknowns = {parameters_.cameras[prior.camera_a].data(),
+                                                     parameters_.cameras[prior.camera_b].data()};
+      std::array<double*, 2> jacobians = {d_a.data(), d_b.data()};
+      cost.Evaluate(unknowns.data(), &residual, jacobians.data());
+      function(residual, rows_of_[prior.camera_a], d_a, rows_of_[prior.camera_b], d_b);
+    }
+  }
+
+  double Cost() const {
+    double cost = 0;
+    for (const PointTerms& point : points_) {
+      const double* unknowns = parameters_.points[point.point].data();
+      for (size_t i = point.begin; i < point.end; ++i) {
+        Eigen::Vector2d residual;
+        terms_[i].error.Evaluate(parameters_.cameras[terms_[i].camera].data(), unknowns,
+                                 residual.data(), nullptr, nullptr);
+        cost += RobustCost(residual.squaredNorm());
+      }
+      if (point.is_free) {
+        cost += 0.5 * std::pow((unknowns[2] - point.rho) * point.inverse_sigma, 2);
+      }
+    }
+    ForEachPrior([&cost](double residual, int, const auto&, int, const auto&) {
+      cost += 0.5 * residual * residual;
+    });
+    return cost;
+  }
+
+  void Linearize() {
+    const double square = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
+    information_.setZero(rows_, rows_);
+    gradient_.setZero(rows_);
+    for (PointTerms& point : points_) {
+      point.information.setZero();
+      point.gradient.setZero();
+      const double* unknowns = parameters_.points[point.point].data();
+      for (size_t i = point.begin; i < point.end; ++i) {
+        Term& term = terms_[i];
+        term.error.Evaluate(parameters_.cameras[term.camera].data(), unknowns, term.residual.data(),
+                            term.row < 0 ? nullptr : term.d_camera.data(), term.d_point.data());
+        const double weight = std::sqrt(1 / (1 + term.residual.squaredNorm() / square));
+        term.residual *= weight;
+        term.d_point *= weight;
+        point.information.noalias() += term.d_point.transpose() * term.d_point;
+        point.gradient.noalias() += term.d_point.transpose() * term.residual;
+        if (term.row < 0) continue;
+        term.d_camera *= weight;
+        information_.block<6, 6>(term.row, term.row).noalias() +=
+            term.d_camera.transpose() * term.d_camera;
+        gradient_.segment<6>(term.row).noalias() += term.d_camera.transpose() * term.residual;
+      }
+      const double inverse_sigma2 = point.inverse_sigma * point.inverse_sigma;
+      point.information(2, 2) += inverse_sigma2;
+      point.gradient[2] += inverse_sigma2 * (unknowns[2] - point.rho);
+    }
+    ForEachPrior([this](double residual, int a, const auto& d_a, int b, const auto& d_b) {
+      if (a >= 0) {
+        information_.block<6, 6>(a, a) += d_a.transpose() * d_a;
+        gradient_.segment<6>(a) += d_a.transpose() * residual;
+      }
+      if (b >= 0) {
+        information_.block<6, 6>(b, b) += d_b.transpose() * d_b;
+        gradient_.segment<6>(b) += d_b.transpose() * residual;
+      }
+      if (a > b && b >= 0) information_.block<6, 6>(a, b) += d_a.transpose() * d_b;
+      if (b > a && a >= 0) information_.block<6, 6>(b, a) += d_b.transpose() * d_a;
+    });
+  }
+
+  static double Damped(double diagonal, double damping) {
+    return diagonal + damping * std::clamp(diagonal, kMinDiagonal, kMaxDiagonal);
+  }
+
+  // Takes a step; `expected` is by how much the linear model lets the cost decrease.
+  bool Step(double damping, double* expected) {
+    reduced_ = information_;
+    right_ = -gradient_;
+    for (int i = 0; i < rows_; ++i) reduced_(i, i) = Damped(information_(i, i), damping);
+    for (PointTerms& point : points_) {
+      if (!point.is_free) continue;
+      Eigen::Matrix3d information = point.information;
+      for (int i = 0; i < 3; ++i) information(i, i) = Damped(information(i, i), damping);
+      point.inverse = information.inverse();
+      Eliminate(point);
+    }
+    if (rows_ > 0) {
+      const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(reduced_);
+      if (factor.info() != Eigen::Success) return false;
+      factor.solveInPlace(right_);
+      if (!right_.allFinite()) return false;
+    }
+    double linear = -gradient_.dot(right_);  // - g' d
+    double damped = 0;                       // d' D d
+    for (int i = 0; i < rows_; ++i) {
+      damped += (Damped(information_(i, i), damping) - information_(i, i)) * right_[i] * right_[i];
+    }
+    for (const PointTerms& point : points_) {
+      if (!point.is_free) continue;
+      const Eigen::Vector3d step = StepOf(point);
+      if (!step.allFinite()) return false;
+      linear -= point.gradient.dot(step);
+      for (int i = 0; i < 3; ++i) {
+        const double diagonal = point.information(i, i);
+        damped += (Damped(diagonal, damping) - diagonal) * step[i] * step[i];
+        parameters_.points[point.point][i] += step[i];
+      }
+    }
+    // (H + D) d = -g, so the model's gain -g'd - d'H d / 2 is (-g'd + d'D d) / 2.
+    *expected = 0.5 * (linear + damped);
+    for (size_t i = 0; i < rows_of_.size(); ++i) {
+      if (rows_of_[i] < 0) continue;
+      for (int k = 0; k < 6; ++k) parameters_.cameras[i][k] += right_[rows_of_[i] + k];
+    }
+    return true;
+  }
+
+  void Eliminate(const PointTerms& point) {
+    couplings_.clear();
+    for (size_t i = point.begin; i < point.end; ++i) {
+      const Term& term = terms_[i];
+      if (term.row < 0) continue;
+      const Matrix63d coupling = term.d_camera.transpose() * term.d_point;
+      couplings_.push_back({term.row, coupling, coupling * point.inverse});
+    }
+    for (const Coupling& a : couplings_) {
+      right_.segment<6>(a.row).noalias() += a.weighted * point.gradient;
+      for (const Coupling& b : couplings_) {
+        if (b.row > a.row) continue;
+        reduced_.block<6, 6>(a.row, b.row).noalias() -= a.weighted * b.plain.transpose();
+      }
+    }
+  }
+
+  Eigen::Vector3d StepOf(const PointTerms& point) const {
+    Eigen::Vector3d right = -point.gradient;
+    for (size_t i = point.begin; i < point.end; ++i) {
+      const Term& term = terms_[i];
+      if (term.row < 0) continue;
+      right.noalias() -=
+          term.d_point.transpose() * (term.d_camera * right_.segment<6>(term.row)).eval();
+    }
+    return point.inverse * right;
+  }
+
+  const BundleOptions& options_;
+  const BundleProblem& problem_;
+  const std::atomic<bool>* interrupt_;
+  BundleParameters& parameters_;
+  std::vector<int> rows_of_;  // of a camera
+  int rows_ = 0;
+  std::vector<Term> terms_;
+  std::vector<PointTerms> points_;
+  Eigen::MatrixXd information_;  // of the cameras, lower triangle, points not eliminated
+  Eigen::VectorXd gradient_;
+  Eigen::MatrixXd reduced_;
+  Eigen::VectorXd right_;  // then the cameras' step
+  std::vector<Coupling> couplings_;
+};
+
+}  // namespace
+
+BundleSolve SolveDenseBundle(const BundleOptions& options, const BundleProblem& problem,
+                             const std::atomic<bool>* interrupt, BundleParameters* parameters) {
+  return Solver(options, problem, interrupt, parameters).Run();
+}
+
+}  // namespace portolan

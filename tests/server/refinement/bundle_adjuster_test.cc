@@ -1,0 +1,159 @@
+#include "server/refinement/bundle_adjuster.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <memory>
+#include <random>
+
+#include "tests/support/submap_test_camera.h"
+
+namespace portolan {
+namespace {
+
+// Cameras side by side before a wall of points, all of it disturbed.
+class BundleAdjusterTest : public ::testing::Test {
+ protected:
+  static constexpr int kCameras = 9;
+
+  BundleAdjusterTest()
+      : camera_(
+            std::make_shared<const CameraModel>(CameraModel::Create(SubmapTestCamera()).value())) {
+    std::mt19937 random(3);
+    std::normal_distribution<double> normal;
+    std::uniform_real_distribution<double> uniform(-1, 1);
+    for (int i = 0; i < kCameras; ++i) {
+      BundleCamera camera;
+      camera.model = camera_.get();
+      camera.world_from_camera = {RotationExp({0, 0.03 * i, 0.01 * i}),
+                                  {0.15 * i, 0.02 * i * i, -0.05 * i}};
+      truth_.push_back(camera.world_from_camera);
+      problem_.cameras.push_back(camera);
+    }
+    while (problem_.points.size() < 120) AddPoint(&random);
+    problem_.cameras[0].fixed = true;
+    for (int i = 1; i < kCameras; ++i) {
+      Rigid3& pose = problem_.cameras[i].world_from_camera;
+      pose.rotation = pose.rotation * RotationExp({0.01 * normal(random), 0.01 * normal(random),
+                                                   0.01 * normal(random)});
+      pose.translation += 0.03 * Eigen::Vector3d(uniform(random), uniform(random), uniform(random));
+    }
+    // Far more than the pixels' noise would allow.
+    problem_.cameras[2].prior = PositionPrior{truth_[2].translation, 0.1};
+    problem_.distances.push_back(
+        {0, kCameras - 1, (truth_[kCameras - 1].translation - truth_[0].translation).norm(), 1e-3});
+  }
+
+  void AddPoint(std::mt19937* random) {
+    std::uniform_real_distribution<double> uniform(-1, 1);
+    std::normal_distribution<double> normal;
+    const Eigen::Vector3d point(0.6 + 1.5 * uniform(*random), uniform(*random),
+                                4 + uniform(*random));
+    const int index = static_cast<int>(problem_.points.size());
+    std::vector<BundleObservation> observations;
+    for (int i = 0; i < kCameras; ++i) {
+      const auto pixel = camera_->Project(truth_[i].Inverse() * point);
+      if (!pixel || !camera_->IsInImage(*pixel)) continue;
+      BundleObservation observation{i, index, *pixel, 0.7, true};
+      observation.pixel += 0.7 * Eigen::Vector2d(normal(*random), normal(*random));
+      // One in twenty is wrong.
+      if (uniform(*random) > 0.9) observation.pixel.x() += 25;
+      observations.push_back(observation);
+    }
+    if (observations.size() < 2) return;
+    problem_.observations.insert(problem_.observations.end(), observations.begin(),
+                                 observations.end());
+    problem_.points.push_back(
+        {point + 0.1 * Eigen::Vector3d(normal(*random), normal(*random), normal(*random)), false});
+  }
+
+  double LargestError(const BundleProblem& problem) const {
+    double largest = 0;
+    for (int i = 0; i < kCameras; ++i) {
+      largest = std::max(
+          largest,
+          (problem.cameras[i].world_from_camera.translation - truth_[i].translation).norm());
+    }
+    return largest;
+  }
+
+  static BundleOptions Exact(int max_dense_cameras) {
+    BundleOptions options;
+    options.max_iterations = 200;
+    options.function_tolerance = 1e-14;
+    options.max_dense_cameras = max_dense_cameras;
+    return options;
+  }
+
+  std::shared_ptr<const CameraModel> camera_;
+  std::vector<Rigid3> truth_;
+  BundleProblem problem_;
+};
+
+TEST_F(BundleAdjusterTest, RecoversTheCameras) {
+  EXPECT_GT(LargestError(problem_), 0.02);
+  const BundleSummary summary = AdjustBundle({}, nullptr, &problem_);
+  EXPECT_TRUE(summary.usable);
+  EXPECT_LT(LargestError(problem_), 0.01);
+  EXPECT_NEAR(summary.rms_px, 0.7 * std::sqrt(2.0), 0.15);
+  EXPECT_EQ(problem_.cameras[0].world_from_camera.translation, truth_[0].translation);
+  int outliers = 0;
+  for (const BundleObservation& observation : problem_.observations) {
+    outliers += observation.inlier ? 0 : 1;
+  }
+  EXPECT_NEAR(outliers, 0.05 * static_cast<double>(problem_.observations.size()), 15);
+}
+
+// The two solvers minimise one cost, of one robust loss, from one start.
+TEST_F(BundleAdjusterTest, DenseAndSparseSolverAgree) {
+  BundleProblem dense = problem_;
+  BundleProblem sparse = problem_;
+  const BundleSummary of_dense = AdjustBundle(Exact(1000), nullptr, &dense);
+  const BundleSummary of_sparse = AdjustBundle(Exact(0), nullptr, &sparse);
+  EXPECT_NEAR(of_dense.initial_cost, of_sparse.initial_cost, 1e-9 * of_sparse.initial_cost);
+  EXPECT_NEAR(of_dense.final_cost, of_sparse.final_cost, 1e-6 * of_sparse.final_cost);
+  EXPECT_EQ(of_dense.inlier_count, of_sparse.inlier_count);
+  for (int i = 0; i < kCameras; ++i) {
+    EXPECT_LT((dense.cameras[i].world_from_camera.translation -
+               sparse.cameras[i].world_from_camera.translation)
+                  .norm(),
+              1e-5);
+  }
+}
+
+TEST_F(BundleAdjusterTest, HeldPointsAndCamerasStay) {
+  for (int i = 0; i < kCameras; i += 2) problem_.cameras[i].fixed = true;
+  for (size_t i = 0; i < problem_.points.size(); i += 3) problem_.points[i].fixed = true;
+  BundleProblem dense = problem_;
+  BundleProblem sparse = problem_;
+  const BundleSummary of_dense = AdjustBundle(Exact(1000), nullptr, &dense);
+  const BundleSummary of_sparse = AdjustBundle(Exact(0), nullptr, &sparse);
+  EXPECT_NEAR(of_dense.final_cost, of_sparse.final_cost, 1e-6 * of_sparse.final_cost);
+  for (int i = 0; i < kCameras; i += 2) {
+    EXPECT_EQ(dense.cameras[i].world_from_camera.translation,
+              problem_.cameras[i].world_from_camera.translation);
+  }
+  for (size_t i = 0; i < problem_.points.size(); i += 3) {
+    EXPECT_EQ(dense.points[i].point_in_world, problem_.points[i].point_in_world);
+  }
+}
+
+TEST_F(BundleAdjusterTest, InterruptedAtOnceMovesNothing) {
+  const std::atomic<bool> interrupt = true;
+  const BundleProblem before = problem_;
+  EXPECT_TRUE(AdjustBundle({}, &interrupt, &problem_).interrupted);
+  for (int i = 0; i < kCameras; ++i) {
+    EXPECT_LT((problem_.cameras[i].world_from_camera.translation -
+               before.cameras[i].world_from_camera.translation)
+                  .norm(),
+              1e-12);
+  }
+}
+
+TEST_F(BundleAdjusterTest, NothingToAdjustIsNotUsable) {
+  BundleProblem empty;
+  EXPECT_FALSE(AdjustBundle({}, nullptr, &empty).usable);
+}
+
+}  // namespace
+}  // namespace portolan
