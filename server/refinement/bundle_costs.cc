@@ -20,6 +20,15 @@ Rigid3 CameraReference::Apply(const double* perturbation) const {
           world_from_camera.translation + world_from_camera.rotation * Vector3Map(perturbation)};
 }
 
+CameraState::CameraState(const CameraReference& camera, const double* perturbation)
+    : reference(&camera) {
+  const Rigid3 pose = camera.Apply(perturbation);
+  position_in_world = pose.translation;
+  camera_from_world = pose.rotation.conjugate().toRotationMatrix();
+  camera_from_reference = camera_from_world * camera.world_from_camera.rotation.toRotationMatrix();
+  rotation_jacobian = RotationRightJacobian(Vector3Map(perturbation + 3));
+}
+
 PointReference PointReference::At(const Eigen::Vector3d& anchor_in_world,
                                   const Eigen::Vector3d& point_in_world) {
   PointReference reference;
@@ -45,21 +54,20 @@ Eigen::Matrix3d PointReference::PointJacobian(const double* parameters, double m
   return jacobian;
 }
 
-void ReprojectionError::Evaluate(const double* camera, const double* point, double* residual,
+void ReprojectionError::Evaluate(const CameraState& camera, const double* point, double* residual,
                                  double* d_camera, double* d_point) const {
-  const Rigid3 pose = camera_->Apply(camera);
-  const Eigen::Matrix3d camera_from_world = pose.rotation.conjugate().toRotationMatrix();
   const double rho = point[2];
   const Eigen::Vector3d direction = point_->axes * Eigen::Vector3d(point[0], point[1], 1.0);
-  const Eigen::Vector3d anchor_from_camera = point_->anchor_in_world - pose.translation;
+  const Eigen::Vector3d anchor_from_camera = point_->anchor_in_world - camera.position_in_world;
   // The point in the camera, up to the positive factor rho, which no pixel depends on.
-  const Eigen::Vector3d scaled_point = camera_from_world * (direction + rho * anchor_from_camera);
+  const Eigen::Vector3d scaled_point =
+      camera.camera_from_world * (direction + rho * anchor_from_camera);
 
   const bool is_derived = d_camera != nullptr || d_point != nullptr;
   Eigen::Map<Eigen::Vector2d> error(residual);
   Matrix23d d_pixel_d_point = Matrix23d::Zero();
   const std::optional<Eigen::Vector2d> pixel =
-      camera_->model->Project(scaled_point, is_derived ? &d_pixel_d_point : nullptr);
+      camera.reference->model->Project(scaled_point, is_derived ? &d_pixel_d_point : nullptr);
   if (pixel) {
     error = (*pixel - pixel_) * inverse_sigma_;
     d_pixel_d_point *= inverse_sigma_;
@@ -69,22 +77,21 @@ void ReprojectionError::Evaluate(const double* camera, const double* point, doub
   }
   if (d_camera != nullptr) {
     Eigen::Map<Eigen::Matrix<double, 2, 6, Eigen::RowMajor>> map(d_camera);
-    map.leftCols<3>() = -rho * d_pixel_d_point * camera_from_world *
-                        camera_->world_from_camera.rotation.toRotationMatrix();
-    map.rightCols<3>() =
-        d_pixel_d_point * Skew(scaled_point) * RotationRightJacobian(Vector3Map(camera + 3));
+    map.leftCols<3>().noalias() = -rho * d_pixel_d_point * camera.camera_from_reference;
+    const Matrix23d turned = d_pixel_d_point * Skew(scaled_point);
+    map.rightCols<3>().noalias() = turned * camera.rotation_jacobian;
   }
   if (d_point != nullptr) {
     Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>> map(d_point);
-    const Matrix23d d_pixel_d_world = d_pixel_d_point * camera_from_world;
-    map.leftCols<2>() = d_pixel_d_world * point_->axes.leftCols<2>();
-    map.col(2) = d_pixel_d_world * anchor_from_camera;
+    const Matrix23d d_pixel_d_world = d_pixel_d_point * camera.camera_from_world;
+    map.leftCols<2>().noalias() = d_pixel_d_world * point_->axes.leftCols<2>();
+    map.col(2).noalias() = d_pixel_d_world * anchor_from_camera;
   }
 }
 
 bool ReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
                                 double** jacobians) const {
-  error_.Evaluate(parameters[0], parameters[1], residuals,
+  error_.Evaluate(CameraState(*camera_, parameters[0]), parameters[1], residuals,
                   jacobians == nullptr ? nullptr : jacobians[0],
                   jacobians == nullptr ? nullptr : jacobians[1]);
   return true;

@@ -26,6 +26,19 @@ struct CameraReference {
   Rigid3 Apply(const double* perturbation) const;
 };
 
+// A camera block's pose, and what its derivatives need, for all of its observations.
+struct CameraState {
+  const CameraReference* reference = nullptr;
+  Eigen::Vector3d position_in_world = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d camera_from_world = Eigen::Matrix3d::Identity();
+  // Of the camera's coordinates: by a move (in the reference's axes), by a turn.
+  Eigen::Matrix3d camera_from_reference = Eigen::Matrix3d::Identity();
+  Eigen::Matrix3d rotation_jacobian = Eigen::Matrix3d::Identity();
+
+  CameraState() = default;
+  CameraState(const CameraReference& camera, const double* perturbation);
+};
+
 // The constant part of a point block.
 struct PointReference {
   Eigen::Vector3d anchor_in_world = Eigen::Vector3d::Zero();
@@ -45,18 +58,16 @@ struct PointReference {
 // the step nor fails the solve, and the outlier test removes the observation.
 class ReprojectionError {
  public:
-  // The references are not owned and outlive this.
-  ReprojectionError(const CameraReference* camera, const PointReference* point,
-                    const Eigen::Vector2d& pixel, double sigma_px)
-      : camera_(camera), point_(point), pixel_(pixel), inverse_sigma_(1.0 / sigma_px) {}
+  // The reference is not owned and outlives this.
+  ReprojectionError(const PointReference* point, const Eigen::Vector2d& pixel, double sigma_px)
+      : point_(point), pixel_(pixel), inverse_sigma_(1.0 / sigma_px) {}
 
   // The residual (2) and, where not null, its row-major derivatives by camera (2 x 6) and point
   // (2 x 3).
-  void Evaluate(const double* camera, const double* point, double* residual, double* d_camera,
+  void Evaluate(const CameraState& camera, const double* point, double* residual, double* d_camera,
                 double* d_point) const;
 
  private:
-  const CameraReference* camera_;
   const PointReference* point_;
   Eigen::Vector2d pixel_;
   double inverse_sigma_;
@@ -67,12 +78,13 @@ class ReprojectionCost : public ceres::SizedCostFunction<2, 6, 3> {
  public:
   ReprojectionCost(const CameraReference* camera, const PointReference* point,
                    const Eigen::Vector2d& pixel, double sigma_px)
-      : error_(camera, point, pixel, sigma_px) {}
+      : camera_(camera), error_(point, pixel, sigma_px) {}
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override;
 
  private:
+  const CameraReference* camera_;
   ReprojectionError error_;
 };
 

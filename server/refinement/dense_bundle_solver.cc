@@ -69,6 +69,7 @@ class Solver {
       rows_of_.push_back(is_free ? rows_ : -1);
       if (is_free) rows_ += 6;
     }
+    states_.resize(problem.cameras.size());
     AddTerms();
   }
 
@@ -130,8 +131,7 @@ class Solver {
       for (const int i : observations_of[point]) {
         const BundleObservation& observation = problem_.observations[i];
         terms_.push_back({observation.camera, rows_of_[observation.camera],
-                          ReprojectionError(&parameters_.camera_references[observation.camera],
-                                            &parameters_.point_references[point], observation.pixel,
+                          ReprojectionError(&parameters_.point_references[point], observation.pixel,
                                             observation.sigma_px)});
       }
       terms.end = terms_.size();
@@ -180,14 +180,17 @@ class Solver {
     }
   }
 
-  double Cost() const {
+  double Cost() {
+    for (size_t i = 0; i < states_.size(); ++i) {
+      states_[i] = {parameters_.camera_references[i], parameters_.cameras[i].data()};
+    }
     double cost = 0;
     for (const PointTerms& point : points_) {
       const double* unknowns = parameters_.points[point.point].data();
       for (size_t i = point.begin; i < point.end; ++i) {
         Eigen::Vector2d residual;
-        terms_[i].error.Evaluate(parameters_.cameras[terms_[i].camera].data(), unknowns,
-                                 residual.data(), nullptr, nullptr);
+        terms_[i].error.Evaluate(states_[terms_[i].camera], unknowns, residual.data(), nullptr,
+                                 nullptr);
         cost += RobustCost(residual.squaredNorm());
       }
       if (point.is_free) {
@@ -200,6 +203,7 @@ class Solver {
     return cost;
   }
 
+  // Where Cost was called last.
   void Linearize() {
     const double square = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
     information_.setZero(rows_, rows_);
@@ -210,7 +214,7 @@ class Solver {
       const double* unknowns = parameters_.points[point.point].data();
       for (size_t i = point.begin; i < point.end; ++i) {
         Term& term = terms_[i];
-        term.error.Evaluate(parameters_.cameras[term.camera].data(), unknowns, term.residual.data(),
+        term.error.Evaluate(states_[term.camera], unknowns, term.residual.data(),
                             term.row < 0 ? nullptr : term.d_camera.data(), term.d_point.data());
         const double weight = std::sqrt(1 / (1 + term.residual.squaredNorm() / square));
         term.residual *= weight;
@@ -320,7 +324,8 @@ class Solver {
   const BundleProblem& problem_;
   const std::atomic<bool>* interrupt_;
   BundleParameters& parameters_;
-  std::vector<int> rows_of_;  // of a camera
+  std::vector<CameraState> states_;  // by camera, where Cost was called last
+  std::vector<int> rows_of_;         // of a camera
   int rows_ = 0;
   std::vector<Term> terms_;
   std::vector<PointTerms> points_;
