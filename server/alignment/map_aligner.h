@@ -54,8 +54,9 @@ struct MapAlignerOptions {
   // A submap that neighbours moved is adjusted again so often between two relaxations. Regions
   // whose outliers depend on each other would otherwise take turns for ever.
   int max_region_visits = 3;
-  // A large component is relaxed when its regions are adjusted, and before that whenever it has
-  // grown by this factor.
+  // A large component is relaxed when its regions are adjusted, and before that whenever its
+  // submaps or the closures have grown by this factor: regions about a loop that is not yet closed
+  // take the closure's matches for outliers.
   double relaxing_growth = 1.25;
   // A large component of no more submaps than this is adjusted as a whole in the end.
   int polished_component_submaps = 300;
@@ -157,6 +158,8 @@ class MapAligner {
   std::vector<SubmapId> RegionAround(const std::vector<SubmapId>& seeds, size_t count) const;
   void PlaceSubmap(SubmapId id);
   void AdjustRegion(const std::atomic<bool>& interrupt);
+  // By the factor at which it is relaxed, in submaps or closures.
+  bool HasGrown(ComponentId component) const;
   // Removes what regions leave: moves all submaps of the component, each as a whole.
   void Relax(ComponentId component, const std::atomic<bool>* interrupt);
   void PolishLargeComponent(const std::atomic<bool>& interrupt);

@@ -209,10 +209,7 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     checked_size = model_.SizeOf(component);
     MakeMetric(component);
   }
-  if (static_cast<double>(model_.SizeOf(component)) >
-      options_.relaxing_growth * static_cast<double>(relaxed_[component].submaps)) {
-    Relax(component, nullptr);
-  }
+  if (HasGrown(component)) Relax(component, nullptr);
   std::vector<SubmapId> region = RegionAround({seed}, options_.region_submaps);
   std::sort(region.begin(), region.end());
   std::vector<Similarity3> before;
@@ -240,6 +237,16 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   }
   strained_.insert(component);
   TakeBackFailed(region);
+}
+
+bool MapAligner::HasGrown(ComponentId component) const {
+  const auto relaxed = relaxed_.find(component);
+  if (relaxed == relaxed_.end()) return true;
+  const auto has_grown = [this](size_t now, size_t before) {
+    return static_cast<double>(now) > options_.relaxing_growth * static_cast<double>(before);
+  };
+  return has_grown(model_.SizeOf(component), relaxed->second.submaps) ||
+         has_grown(closures().size(), relaxed->second.closures);
 }
 
 void MapAligner::Relax(ComponentId component, const std::atomic<bool>* interrupt) {

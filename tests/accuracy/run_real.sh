@@ -2,7 +2,8 @@
 # Runs the whole system, server and agents as processes, on the real sequences and prints one
 # table: coverage and ATE against the ground truth, which nothing else reads.
 #
-#   tests/accuracy/run_real.sh            all sequences of $PORTOLAN_DATA (../shared/data)
+#   tests/accuracy/run_real.sh            all sequences of $PORTOLAN_DATA (../shared/data), and the
+#                                         rendered loop of the demo
 #   tests/accuracy/run_real.sh kitchen    those whose name contains the word
 #
 # Columns: frames; share of ground-truth stamps with an estimate; ATE (RMSE after one Sim(3)
@@ -26,7 +27,8 @@ if [ ! -d "$data" ]; then
   echo "NO DATA: set PORTOLAN_DATA to the folder of the real sequences" >&2
   exit 1
 fi
-deploy/build.sh "${PORTOLAN_PRESET:-release}" portolan-agent portolan-server portolan > /dev/null
+deploy/build.sh "${PORTOLAN_PRESET:-release}" portolan-agent portolan-server portolan \
+  portolan-synthetic > /dev/null
 
 # name | sequence | truth | frame ranges, one agent each | alignment (sim3) | agent flags
 sequences="
@@ -42,8 +44,15 @@ scenelib|monoslam_davison/scenelib_test_sequence|reference_sfm.txt|0-999
 desk_translation|openekf/desk_translation|reference_sfm.txt|0-358
 kitti 00|kitti/odometry_00_first200|groundtruth.txt|0-199
 V1_01 stills|euroc/V1_01_easy_keyframes|groundtruth.txt|0-99
+rendered, 3 agents|rendered|groundtruth.txt|agent0 agent1 agent2
 "
 
+# The demo's input.
+render() {
+  if [ -d out/synthetic/agent2 ]; then return; fi
+  "build/${PORTOLAN_PRESET:-release}/tests/synthetic/portolan-synthetic" --out out/synthetic \
+    --mission three_agents --format jpg > out/synthetic.log 2>&1
+}
 
 mean_of() {  # KEY FILE...: mean over the agents' summaries
   local key="$1"
@@ -52,21 +61,28 @@ mean_of() {  # KEY FILE...: mean over the agents' summaries
 }
 
 # Joint ATE in mm, coverage and scale error in %, or "-" without an estimate:
-# ate MODE ALIGNMENT ESTIMATES... -- TRUTH
+# ate MODE ALIGNMENT ESTIMATES... -- TRUTH|TRUTHS...
 ate() {
   local mode="$1"
   local alignment="$2"
   shift 2
-  local estimates=()
+  local files=() estimates=() references=()
   while [ "$1" != -- ]; do
-    if [ "$(grep -vc '^#' "$1" || true)" -gt 3 ]; then estimates+=(--estimate "$1"); fi
+    files+=("$1")
     shift
   done
+  shift
+  for i in "${!files[@]}"; do
+    if [ "$(grep -vc '^#' "${files[$i]}" || true)" -le 3 ]; then continue; fi
+    estimates+=(--estimate "${files[$i]}")
+    if [ "$#" -gt 1 ]; then references+=(--groundtruth "${@:$((i + 1)):1}"); fi
+  done
+  if [ "$#" -eq 1 ]; then references=(--groundtruth "$1"); fi
   if [ "${#estimates[@]}" -eq 0 ]; then
     echo "-"
     return
   fi
-  "$portolan" evaluate "${estimates[@]}" --groundtruth "$2" --align "$alignment" |
+  "$portolan" evaluate "${estimates[@]}" "${references[@]}" --align "$alignment" |
     awk -v mode="$mode" '
       /^one joint/ {joint = 1} /^each agent/ {joint = 0}
       mode == "joint" && joint && /all agents|\.tum/ && !done {
@@ -85,7 +101,9 @@ printf '%-20s %6s %8s %10s %9s %8s %10s %5s %8s %8s %7s %7s\n' sequence frames c
   'live mm' coverage 'alone mm' parts 'up kB/s' 'dn kB/s' 'cpu ms' 'scale %'
 while IFS='|' read -r name sequence truth ranges alignment flags; do
   if [ -z "$name" ] || [[ "$name" != *"$filter"* ]]; then continue; fi
-  if [ ! -d "$data/$sequence" ]; then
+  if [ "$sequence" = rendered ]; then
+    render
+  elif [ ! -d "$data/$sequence" ]; then
     printf '%-20s NO DATA: %s\n' "$name" "$data/$sequence"
     continue
   fi
@@ -97,9 +115,16 @@ while IFS='|' read -r name sequence truth ranges alignment flags; do
   live=()
   odometry=()
   summaries=()
+  truths=("$data/$sequence/$truth")
+  if [ "$sequence" = rendered ]; then truths=(); fi
   i=0
   for range in $ranges; do
-    specs+=("agent$i=$data/$sequence:$range")
+    if [ "$sequence" = rendered ]; then
+      specs+=("agent$i=out/synthetic/$range")
+      truths+=("out/synthetic/$range/$truth")
+    else
+      specs+=("agent$i=$data/$sequence:$range")
+    fi
     final+=("$folder/final/agent$i.tum")
     live+=("$folder.live/agents/agent$i/live.tum")
     odometry+=("$folder/agents/agent$i/odometry.tum")
@@ -111,9 +136,9 @@ while IFS='|' read -r name sequence truth ranges alignment flags; do
     printf '%-20s FAILED, see %s\n' "$name" "$output.log"
     continue
   fi
-  read -r final_mm coverage scale <<< "$(ate joint "$alignment" "${final[@]}" -- "$data/$sequence/$truth")"
-  read -r live_mm live_coverage _ <<< "$(ate joint "$alignment" "${live[@]}" -- "$data/$sequence/$truth")"
-  alone_mm="$(ate alone "$alignment" "${odometry[@]}" -- "$data/$sequence/$truth")"
+  read -r final_mm coverage scale <<< "$(ate joint "$alignment" "${final[@]}" -- "${truths[@]}")"
+  read -r live_mm live_coverage _ <<< "$(ate joint "$alignment" "${live[@]}" -- "${truths[@]}")"
+  alone_mm="$(ate alone "$alignment" "${odometry[@]}" -- "${truths[@]}")"
   frames="$(cat "${summaries[@]}" | grep -o '"frames": [0-9]*' | awk '{s += $2} END {print s}')"
   parts="$(awk '/^components/ {print $2}' "$folder/info.txt")"
   if [ "$alignment" = sim3 ]; then scale=-; fi

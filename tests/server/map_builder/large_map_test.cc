@@ -42,7 +42,7 @@ TEST(LargeMap, RegionsGetAsExactAsTheWhole) {
 // with relaxations between them it comes to 3.5 mm, as a whole to 2.3 mm.
 TEST(LargeMap, RegionsAndRelaxationsCloseALoop) {
   SyntheticSubmapsOptions world;
-  world.agents = {{0, 6.8, 16, 1.5}};
+  world.agents = {{0, 6.8, 24, 1.5}};
   const SyntheticMission mission = MakeSyntheticMission(world);
   MapBuilderOptions without_polish;
   without_polish.aligner.polished_component_submaps = 3;
