@@ -15,7 +15,7 @@ cd "$root"
 if [ "$label" = unit ]; then
   deploy/build.sh "$preset" unit_tests
 else
-  deploy/build.sh "$preset"
+  deploy/build.sh "$preset" all_tests
 fi
 export OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
 export TSAN_OPTIONS="suppressions=$root/tests/support/tsan.supp ${TSAN_OPTIONS:-}"
