@@ -79,12 +79,13 @@ class Relaxation {
   }
 
   void UpdateFrames() {
-    for (RelaxationBody& body : bodies_)
+    for (RelaxationBody& body : bodies_) {
       body.world_from_submap = model_.submap(body.id).world_from_submap;
+      body.submap_from_world = body.world_from_submap.Inverse();
+    }
     for (RelaxationBody& body : bodies_) {
       if (body.nodes[1] >= static_cast<int>(bodies_.size())) continue;
-      body.from_end =
-          (body.world_from_submap.Inverse() * bodies_[body.nodes[1]].world_from_submap).Adjoint();
+      body.from_end = (body.submap_from_world * bodies_[body.nodes[1]].world_from_submap).Adjoint();
     }
   }
 
@@ -208,7 +209,7 @@ class Relaxation {
   std::array<Matrix37d, 2> PointJacobians(const RelaxationBody& body,
                                           const Eigen::Vector3d& point) const {
     const Similarity3& frame = body.world_from_submap;
-    const Eigen::Vector3d in_submap = frame.Inverse() * point;
+    const Eigen::Vector3d in_submap = body.submap_from_world * point;
     const Eigen::Matrix3d scaled = frame.scale * frame.rotation.toRotationMatrix();
     std::array<Matrix37d, 2> jacobians;
     jacobians[0].leftCols<3>() = scaled;
@@ -306,11 +307,11 @@ class Relaxation {
   void UpdateChanges() {
     for (size_t i = 0; i < bodies_.size(); ++i) {
       const RelaxationBody& body = bodies_[i];
-      const Similarity3 submap_from_world = body.world_from_submap.Inverse();
       changes_[i].clear();
       for (int k = 0; k <= body.last_keyframe; ++k) {
         changes_[i].push_back(body.world_from_submap *
-                              Similarity3::Exp(StepOf(body, body.PartOf(k))) * submap_from_world);
+                              Similarity3::Exp(StepOf(body, body.PartOf(k))) *
+                              body.submap_from_world);
       }
     }
   }

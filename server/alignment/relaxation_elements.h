@@ -14,6 +14,7 @@ namespace portolan {
 struct RelaxationBody {
   SubmapId id;
   Similarity3 world_from_submap;
+  Similarity3 submap_from_world;
   std::array<int, 2> nodes;  // start and end; the end is the successor's start
   // Tangents at the end node, which are in the successor's frame, in this one's.
   Matrix7d from_end = Matrix7d::Identity();

@@ -147,7 +147,8 @@ class Solver {
     return 0.5 * square * std::log1p(chi2 / square);
   }
 
-  // Calls function(residual rows as a vector, camera a, its Jacobian, camera b, its Jacobian).
+  // Calls function(residual, row of camera a, its derivative, row of camera b, its derivative) for
+  // every scalar prior; a row is -1 where there is no such camera or it is held.
   template <typename Function>
   void ForEachPrior(const Function& function) const {
     for (size_t i = 0; i < problem_.cameras.size(); ++i) {

@@ -48,12 +48,13 @@ TEST(LargeMap, RegionsAndRelaxationsCloseALoop) {
   without_polish.aligner.polished_component_submaps = 3;
   const auto regions = LargeBuilder(without_polish);
   IntegrateMission(mission, 0, 99, false, regions.get());
+  constexpr double kWholeRms_m = 0.0023;  // adjusted as a whole
   const double before = KeyframeRms(mission, *regions->snapshot(), ComponentId(1));
   Polish(regions.get());
   EXPECT_GE(regions->snapshot()->closures->size(), 1u);
   const double after = KeyframeRms(mission, *regions->snapshot(), ComponentId(1));
   EXPECT_LT(after, 0.2 * before);
-  EXPECT_LT(after, 2 * 0.0023);
+  EXPECT_LT(after, 2 * kWholeRms_m);
 }
 
 TEST(LargeMap, InterruptionLosesNothing) {
@@ -64,8 +65,7 @@ TEST(LargeMap, InterruptionLosesNothing) {
   const std::atomic<bool> interrupted = true;
   for (int i = 0; i < 5; ++i) builder->RunBackgroundWork(interrupted);
   EXPECT_TRUE(builder->HasBackgroundWork());
-  // A relaxation lowers the reprojection errors, which need not be monotonic in the positions.
-  EXPECT_LE(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 1.1 * before);
+  EXPECT_LE(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 1.01 * before);
   Polish(builder.get());
   EXPECT_FALSE(builder->HasBackgroundWork());
   EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.015);

@@ -38,7 +38,7 @@ class BundleAdjusterTest : public ::testing::Test {
                                                    0.01 * normal(random)});
       pose.translation += 0.03 * Eigen::Vector3d(uniform(random), uniform(random), uniform(random));
     }
-    // Far more than the pixels' noise would allow.
+    // Both kinds of priors.
     problem_.cameras[2].prior = PositionPrior{truth_[2].translation, 0.1};
     problem_.distances.push_back(
         {0, kCameras - 1, (truth_[kCameras - 1].translation - truth_[0].translation).norm(), 1e-3});
