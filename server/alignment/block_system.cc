@@ -13,14 +13,21 @@ BlockSystem::BlockSystem() : factor_(std::make_unique<Factor>()) { factor_->chol
 BlockSystem::~BlockSystem() = default;
 
 void BlockSystem::Reset(int blocks) {
-  information_.clear();
-  gradient_ = Eigen::VectorXd::Zero(7 * static_cast<Eigen::Index>(blocks));
-  is_analyzed_ = false;
+  const Eigen::Index rows = 7 * static_cast<Eigen::Index>(blocks);
+  if (rows == gradient_.size()) {
+    for (auto& [key, block] : information_) block.setZero();
+  } else {
+    information_.clear();
+    is_analyzed_ = false;
+  }
+  gradient_ = Eigen::VectorXd::Zero(rows);
 }
 
 Matrix7d& BlockSystem::Block(int row, int column) {
   const auto key = (static_cast<uint64_t>(row) << 32) | static_cast<uint64_t>(column);
-  return information_.try_emplace(key, Matrix7d::Zero()).first->second;
+  const auto [place, is_new] = information_.try_emplace(key, Matrix7d::Zero());
+  if (is_new) is_analyzed_ = false;
+  return place->second;
 }
 
 bool BlockSystem::Solve(double damping, Eigen::VectorXd* step) {

@@ -16,7 +16,8 @@ class BlockSystem {
   BlockSystem();
   ~BlockSystem();
 
-  // All zero.
+  // All zero. With as many blocks as before, those that were used stay in the pattern, which is
+  // then analysed only once.
   void Reset(int blocks);
   // Of the lower triangle: row >= column. In a block on the diagonal all of it counts.
   Matrix7d& Block(int row, int column);

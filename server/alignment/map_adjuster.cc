@@ -64,7 +64,7 @@ class WindowAdjustment {
       if (held && !window_.contains(sight.submap)) continue;
       const ModelSubmap& submap = model_.submap(sight.submap);
       const int in_submap = MapModel::LandmarkIndex(*submap.refined, sight.track);
-      const std::vector<ModelSight>& sights = submap.sights[in_submap];
+      const std::span<const ModelSight> sights = submap.sights[in_submap];
       for (size_t i = 0; i < sights.size(); ++i) {
         const Observation& raw =
             submap.refined->raw->keyframes[sights[i].keyframe].observations[sights[i].observation];

@@ -296,7 +296,7 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
 
 bool MapAligner::Survives(const Closure& closure) const {
   const auto seen = [](const ModelSubmap& submap, int landmark) {
-    const std::vector<ModelSight>& sights = submap.sights[landmark];
+    const std::span<const ModelSight> sights = submap.sights[landmark];
     return std::any_of(sights.begin(), sights.end(),
                        [](const ModelSight& sight) { return sight.inlier; });
   };

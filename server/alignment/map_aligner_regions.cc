@@ -18,6 +18,9 @@ constexpr double kMinMovement = 1e-4;
 // ... and above which its neighbours are adjusted again.
 constexpr double kRestlessMovement = 1e-3;
 
+// Relative decrease of a region's cost under which it has converged.
+constexpr double kMinRegionDecrease = 1e-2;
+
 Matrix7d InformationOf(const Matrix7d& covariance) {
   return covariance.llt().solve(Matrix7d::Identity());
 }
@@ -126,7 +129,10 @@ MapAligner::RegionOutcome MapAligner::SolveRegion(const Closure& closure,
       !has_rim || region.size() >= static_cast<size_t>(options_.max_loop_region_submaps);
   graph.relations.push_back({nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
                              InformationOf(relations_.FlooredCovariance(model_, closure)), false});
-  SolveRelationGraph(options_.graph, &graph);
+  // The adjustments that follow do the rest.
+  RelationGraphOptions coarse = options_.graph;
+  coarse.min_decrease = kMinRegionDecrease;
+  SolveRelationGraph(coarse, &graph);
   double cost = 0;
   double rim = 0;
   for (const Relation& relation : graph.relations) {

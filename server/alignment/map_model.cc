@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <numeric>
 #include <tuple>
 
 #include "common/base/check.h"
@@ -15,6 +16,15 @@ Status MapModelOptions::Validate() const {
     return absl::InvalidArgumentError("map model: limits must be positive");
   }
   return absl::OkStatus();
+}
+
+SightTable::SightTable(size_t landmark_count, const std::vector<ModelSight>& sights,
+                       const std::vector<int>& landmark_of)
+    : first_(landmark_count + 1, 0), sights_(sights.size()) {
+  for (const int landmark : landmark_of) ++first_[landmark + 1];
+  std::partial_sum(first_.begin(), first_.end(), first_.begin());
+  std::vector<uint32_t> next = first_;
+  for (size_t i = 0; i < sights.size(); ++i) sights_[next[landmark_of[i]]++] = sights[i];
 }
 
 int MapModel::LandmarkIndex(const RefinedSubmap& refined, TrackId track) {
@@ -59,7 +69,8 @@ ModelSubmap& MapModel::Insert(std::shared_ptr<const RefinedSubmap> refined,
 void MapModel::CollectSights(ModelSubmap* submap) const {
   const RefinedSubmap& refined = *submap->refined;
   submap->landmarks.assign(refined.landmarks.size(), -1);
-  submap->sights.assign(refined.landmarks.size(), {});
+  std::vector<ModelSight> sights;
+  std::vector<int> landmark_of;
   const auto agreeing = AgreeingObservations(refined, options_.agreeing_chi2);
   const ModelSubmap* predecessor = submap->link ? &submaps_.at(submap->link->a) : nullptr;
   for (size_t k = 0; k < refined.raw->keyframes.size(); ++k) {
@@ -76,10 +87,11 @@ void MapModel::CollectSights(ModelSubmap* submap) const {
           continue;
         }
       }
-      submap->sights[landmark].push_back(
-          {static_cast<int>(k), static_cast<int>(i), agreeing[k][i]});
+      sights.push_back({static_cast<uint16_t>(k), static_cast<uint16_t>(i), agreeing[k][i]});
+      landmark_of.push_back(landmark);
     }
   }
+  submap->sights = SightTable(refined.landmarks.size(), sights, landmark_of);
 }
 
 void MapModel::Add(std::shared_ptr<const RefinedSubmap> refined,

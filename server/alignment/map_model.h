@@ -3,10 +3,12 @@
 #ifndef PORTOLAN_SERVER_ALIGNMENT_MAP_MODEL_H_
 #define PORTOLAN_SERVER_ALIGNMENT_MAP_MODEL_H_
 
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <optional>
 #include <set>
+#include <span>
 #include <vector>
 
 #include "server/alignment/landmark_sight.h"
@@ -26,9 +28,31 @@ struct MapModelOptions {
 
 // Where a landmark of a submap is seen.
 struct ModelSight {
-  int keyframe = 0;
-  int observation = 0;  // in the raw keyframe
+  // A raw submap has at most 256 keyframes of at most 4,096 observations.
+  uint16_t keyframe = 0;
+  uint16_t observation = 0;  // in the raw keyframe
   bool inlier = true;
+};
+
+// The sights of a submap's landmarks, one list each, ascending keyframe; in one piece, for there
+// are thousands a submap.
+class SightTable {
+ public:
+  SightTable() = default;
+  // `sights` by ascending keyframe; landmark_of[i] < landmark_count is whose sights[i] is.
+  SightTable(size_t landmark_count, const std::vector<ModelSight>& sights,
+             const std::vector<int>& landmark_of);
+
+  std::span<const ModelSight> operator[](size_t landmark) const {
+    return {sights_.data() + first_[landmark], sights_.data() + first_[landmark + 1]};
+  }
+  void SetInlier(size_t landmark, size_t sight, bool inlier) {
+    sights_[first_[landmark] + sight].inlier = inlier;
+  }
+
+ private:
+  std::vector<uint32_t> first_;  // by landmark, and the end
+  std::vector<ModelSight> sights_;
 };
 
 struct ModelLandmark {
@@ -49,7 +73,7 @@ struct ModelSubmap {
   // Parallel to refined->landmarks: index of the global landmark, and the sights. The shared
   // keyframe's sights belong to the predecessor where it has the track.
   std::vector<int> landmarks;
-  std::vector<std::vector<ModelSight>> sights;
+  SightTable sights;
 
   bool quarantined() const { return !refined->quarantine_reason.empty(); }
 };
@@ -106,7 +130,7 @@ class MapModel {
     landmarks_[index].point_in_world = point_in_world;
   }
   void SetInlier(SubmapId id, int landmark, int sight, bool inlier) {
-    submaps_.at(id).sights[landmark][sight].inlier = inlier;
+    submaps_.at(id).sights.SetInlier(landmark, sight, inlier);
   }
   // Sets world_from_submap to what the cameras and landmarks say: the first camera's pose, and the
   // median ratio of the landmarks' distances from it.

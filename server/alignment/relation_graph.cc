@@ -1,9 +1,9 @@
 #include "server/alignment/relation_graph.h"
 
-#include <Eigen/SparseCholesky>
-#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
+
+#include "server/alignment/block_system.h"
 
 namespace portolan {
 namespace {
@@ -33,13 +33,13 @@ class Solver {
   Solver(const RelationGraphOptions& options, RelationGraph* graph)
       : options_(options), graph_(*graph), weights_(graph->relations.size(), 1.0) {
     for (const bool fixed : graph_.fixed) {
-      rows_of_.push_back(fixed ? -1 : rows_);
-      if (!fixed) rows_ += 7;
+      block_of_.push_back(fixed ? -1 : free_count_);
+      if (!fixed) ++free_count_;
     }
   }
 
   std::vector<double> Run() {
-    if (rows_ == 0) return JudgeFixed();
+    if (free_count_ == 0) return JudgeFixed();
     const bool doubt = std::any_of(graph_.relations.begin(), graph_.relations.end(),
                                    [](const Relation& relation) { return relation.doubtful; });
     if (doubt) Graduate();
@@ -107,7 +107,6 @@ class Solver {
   void Minimize() {
     double lambda = 1e-6;
     double cost = Cost();
-    is_analyzed_ = false;
     for (int i = 0; i < options_.max_iterations; ++i) {
       Linearize();
       bool improved = false;
@@ -118,7 +117,7 @@ class Solver {
         improved = stepped && next <= cost;
         if (improved) {
           lambda = std::max(lambda * 0.1, 1e-12);
-          const bool converged = cost - next <= 1e-9 * cost + 1e-12;
+          const bool converged = cost - next <= options_.min_decrease * cost + 1e-12;
           cost = next;
           if (converged) return;
         } else {
@@ -131,8 +130,7 @@ class Solver {
   }
 
   void Linearize() {
-    triplets_.clear();
-    gradient_ = Eigen::VectorXd::Zero(rows_);
+    system_.Reset(free_count_);
     for (size_t i = 0; i < weights_.size(); ++i) {
       if (weights_[i] <= 0) continue;
       const Relation& relation = graph_.relations[i];
@@ -140,39 +138,29 @@ class Solver {
       const Vector7d error = RelationError(relation.a_from_b, graph_.world_from_node[relation.a],
                                            graph_.world_from_node[relation.b], &d_a, &d_b);
       const Matrix7d information = weights_[i] * relation.information;
-      const int row_a = rows_of_[relation.a];
-      const int row_b = rows_of_[relation.b];
-      if (row_a >= 0) gradient_.segment<7>(row_a) += d_a.transpose() * information * error;
-      if (row_b >= 0) gradient_.segment<7>(row_b) += d_b.transpose() * information * error;
-      AddBlock(row_a, row_a, d_a.transpose() * information * d_a);
-      AddBlock(row_b, row_b, d_b.transpose() * information * d_b);
-      // The factorisation reads the lower triangle only.
-      if (row_a > row_b) AddBlock(row_a, row_b, d_a.transpose() * information * d_b);
-      if (row_b > row_a) AddBlock(row_b, row_a, d_b.transpose() * information * d_a);
+      const int a = block_of_[relation.a];
+      const int b = block_of_[relation.b];
+      const Matrix7d from_a = d_a.transpose() * information;
+      const Matrix7d from_b = d_b.transpose() * information;
+      if (a >= 0) AddTo(a, from_a * d_a, from_a * error);
+      if (b >= 0) AddTo(b, from_b * d_b, from_b * error);
+      if (a > b && b >= 0) system_.Block(a, b) += from_a * d_b;
+      if (b > a && a >= 0) system_.Block(b, a) += from_b * d_a;
     }
   }
 
-  void AddBlock(int row, int column, const Matrix7d& block) {
-    if (row < 0 || column < 0) return;
-    for (int c = 0; c < 7; ++c) {
-      for (int r = 0; r < 7; ++r) triplets_.emplace_back(row + r, column + c, block(r, c));
-    }
+  void AddTo(int block, const Matrix7d& information, const Vector7d& gradient) {
+    system_.Block(block, block) += information;
+    system_.gradient().segment<7>(7 * block) += gradient;
   }
 
   bool Step(double lambda) {
-    Eigen::SparseMatrix<double> system(rows_, rows_);
-    system.setFromTriplets(triplets_.begin(), triplets_.end());
-    for (int i = 0; i < rows_; ++i) system.coeffRef(i, i) *= 1 + lambda;
-    if (!is_analyzed_) factor_.analyzePattern(system);
-    is_analyzed_ = true;
-    factor_.factorize(system);
-    if (factor_.info() != Eigen::Success) return false;
-    const Eigen::VectorXd step = factor_.solve(-gradient_);
-    if (!step.allFinite()) return false;
-    for (size_t i = 0; i < rows_of_.size(); ++i) {
-      if (rows_of_[i] < 0) continue;
+    Eigen::VectorXd step;
+    if (!system_.Solve(lambda, &step)) return false;
+    for (size_t i = 0; i < block_of_.size(); ++i) {
+      if (block_of_[i] < 0) continue;
       Similarity3& node = graph_.world_from_node[i];
-      node = node * Similarity3::Exp(step.segment<7>(rows_of_[i]));
+      node = node * Similarity3::Exp(step.segment<7>(7 * block_of_[i]));
     }
     return true;
   }
@@ -180,19 +168,16 @@ class Solver {
   const RelationGraphOptions& options_;
   RelationGraph& graph_;
   std::vector<double> weights_;
-  std::vector<int> rows_of_;
-  int rows_ = 0;
-  std::vector<Eigen::Triplet<double>> triplets_;
-  Eigen::VectorXd gradient_;
-  // The weights, and so the pattern, are constant within one minimisation.
-  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor_;
-  bool is_analyzed_ = false;
+  std::vector<int> block_of_;  // by node; -1 if it is held
+  int free_count_ = 0;
+  BlockSystem system_;
 };
 
 }  // namespace
 
 Status RelationGraphOptions::Validate() const {
-  if (max_iterations < 1 || max_graduations < 1 || !(graduation > 1) || !(max_chi2 > 0)) {
+  if (max_iterations < 1 || !(min_decrease >= 0) || max_graduations < 1 || !(graduation > 1) ||
+      !(max_chi2 > 0)) {
     return absl::InvalidArgumentError("relation graph: limits out of range");
   }
   return absl::OkStatus();

@@ -29,9 +29,10 @@ struct RelationGraph {
 };
 
 struct RelationGraphOptions {
-  int max_iterations = 30;   // Levenberg-Marquardt, each solve
-  int max_graduations = 40;  // GNC steps
-  double graduation = 1.4;   // factor of the control parameter, as in the paper
+  int max_iterations = 30;     // Levenberg-Marquardt, each solve
+  double min_decrease = 1e-9;  // relative decrease of the cost under which it has converged
+  int max_graduations = 40;    // GNC steps
+  double graduation = 1.4;     // factor of the control parameter, as in the paper
   // Squared error of a true closure: 99.9 % of chi-square with 7 degrees of freedom is 24.3.
   double max_chi2 = 24.3;
 

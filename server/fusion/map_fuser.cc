@@ -2,34 +2,27 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <set>
 #include <utility>
 
-#include "server/refinement/bundle_costs.h"
-
 namespace portolan {
 namespace {
 
-// Inverse distance under which a point is as good as infinitely far, relative to nothing: such
-// points are not published anyway, this only keeps numbers finite.
-constexpr double kMinRho = 1e-12;
-
-// Adds the information of one observation about (u, v, rho).
-void AddInformation(const CameraReference& camera, const PointReference& point,
-                    const Eigen::Vector3d& parameters, const Observation& observation,
+// Adds the information of one observation about the point in the world.
+void AddInformation(const Rigid3& world_from_camera, const CameraModel& camera,
+                    const Eigen::Vector3d& point_in_world, const Observation& observation,
                     Eigen::Matrix3d* information) {
-  const std::array<double, 6> zero{};
-  const std::array<const double*, 2> blocks = {zero.data(), parameters.data()};
-  const ReprojectionCost cost(&camera, &point, observation.pixel.cast<double>(),
-                              observation.sigma_px);
-  Eigen::Vector2d residual;
-  Eigen::Matrix<double, 2, 3, Eigen::RowMajor> d_point;
-  std::array<double*, 2> jacobians = {nullptr, d_point.data()};
-  cost.Evaluate(blocks.data(), residual.data(), jacobians.data());
-  *information += d_point.transpose() * d_point;
+  const Eigen::Matrix3d camera_from_world =
+      world_from_camera.rotation.conjugate().toRotationMatrix();
+  Matrix23d jacobian;
+  if (!camera.Project(camera_from_world * (point_in_world - world_from_camera.translation),
+                      &jacobian)) {
+    return;
+  }
+  jacobian = (jacobian * camera_from_world / observation.sigma_px).eval();
+  information->noalias() += jacobian.transpose().lazyProduct(jacobian);
 }
 
 // The previous list if it is the same still; elements are compared by address.
@@ -110,8 +103,7 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
   const ModelLandmark& landmark = model.landmarks()[index];
   FusedLandmark fused;
   fused.point_in_world = landmark.point_in_world;
-  std::optional<PointReference> reference;
-  Eigen::Vector3d parameters = Eigen::Vector3d::Zero();
+  std::optional<Eigen::Vector3d> from_first_camera;
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   for (const LandmarkSight& sight : landmark.sights) {
     const ModelSubmap& submap = model.submap(sight.submap);
@@ -119,27 +111,22 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
     for (const ModelSight& s : submap.sights[in_submap]) {
       if (!s.inlier) continue;
       const Rigid3& pose = submap.world_from_camera[s.keyframe];
-      if (!reference) {
-        reference = PointReference::At(pose.translation, landmark.point_in_world);
-        parameters[2] =
-            1.0 / std::max((landmark.point_in_world - pose.translation).norm(), kMinRho);
-      }
-      AddInformation({pose, submap.refined->camera.get()}, *reference, parameters,
+      if (!from_first_camera) from_first_camera = landmark.point_in_world - pose.translation;
+      AddInformation(pose, *submap.refined->camera, landmark.point_in_world,
                      submap.refined->raw->keyframes[s.keyframe].observations[s.observation],
                      &information);
       ++fused.observation_count;
     }
   }
   if (fused.observation_count < options_.min_observations) return std::nullopt;
-  const Eigen::LLT<Eigen::Matrix3d> factor(information);
+  // In units of the distance, whatever the length of the world's unit is.
+  const double distance = from_first_camera->norm();
+  const Eigen::LLT<Eigen::Matrix3d> factor(distance * distance * information);
   if (factor.info() != Eigen::Success) return std::nullopt;
-  const Eigen::Matrix3d covariance = factor.solve(Eigen::Matrix3d::Identity());
-  if (!(std::sqrt(covariance(2, 2)) < options_.max_relative_sigma * parameters[2])) {
-    return std::nullopt;
-  }
-  const Eigen::Matrix3d jacobian = reference->PointJacobian(parameters.data(), kMinRho);
-  fused.covariance = jacobian * covariance * jacobian.transpose();
-  fused.covariance = 0.5 * (fused.covariance + fused.covariance.transpose()).eval();
+  const Eigen::Matrix3d relative = factor.solve(Eigen::Matrix3d::Identity());
+  const Eigen::Vector3d ray = *from_first_camera / distance;
+  if (!(std::sqrt(ray.dot(relative * ray)) < options_.max_relative_sigma)) return std::nullopt;
+  fused.covariance = 0.5 * distance * distance * (relative + relative.transpose());
   fused.sights = landmark.sights;
   fused.id = LandmarkIdOf(landmark.sights.front());
   return fused;

@@ -4,6 +4,7 @@
 #define PORTOLAN_SERVER_PLACE_RECOGNITION_INVERTED_FILE_H_
 
 #include <cstdint>
+#include <deque>
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
@@ -16,6 +17,8 @@ namespace portolan {
 // Thread rule: thread-compatible.
 class InvertedFile {
  public:
+  InvertedFile();
+
   // `words` ascending, without repetition; the slot holds no document yet.
   void Add(uint32_t slot, const std::vector<uint32_t>& words);
   // `words` as given to Add.
@@ -27,8 +30,20 @@ class InvertedFile {
   std::vector<uint32_t> Vote(const std::vector<uint32_t>& words, double max_frequency) const;
 
  private:
-  // Unordered slots.
-  absl::flat_hash_map<uint32_t, std::vector<uint32_t>> postings_;
+  // The documents of a word are a chain in one pool: most words are in one or two documents, and a
+  // container a word would take several times their room.
+  struct Posting {
+    uint32_t slot;
+    uint32_t next;  // in the pool
+  };
+  struct Chain {
+    uint32_t first;
+    uint32_t length;
+  };
+
+  absl::flat_hash_map<uint32_t, Chain> chains_;
+  std::deque<Posting> pool_;
+  uint32_t first_free_;  // chain of unused postings
   uint32_t slot_end_ = 0;
   int document_count_ = 0;
 };

@@ -10,20 +10,58 @@ namespace {
 
 using Matrix27d = Eigen::Matrix<double, 2, 7>;
 
-// d (S * Exp(d)) p / d d at d = 0, in S's target frame, is scale * R * [I, -[p]x, p].
-Eigen::Matrix<double, 3, 7> PerturbationOf(const Eigen::Vector3d& point) {
-  Eigen::Matrix<double, 3, 7> d_point;
-  d_point << Eigen::Matrix3d::Identity(), -Skew(point), point;
-  return d_point;
+// How the points of one submap come to a camera of the other: all that does not depend on the
+// point.
+struct Transfer {
+  // Into the submap of the camera; as seen from a it is the inverse of what is sought.
+  bool from_a = true;
+  Eigen::Matrix3d moved_from_point;
+  Eigen::Vector3d moved_origin;
+  Eigen::Matrix3d camera_from_moved;  // rotation
+  Eigen::Vector3d submap_origin_in_camera;
+};
+
+Transfer TransferOf(bool from_a, const Similarity3& a_from_b, const Rigid3& camera_from_submap) {
+  const Similarity3 moved_from_point = from_a ? a_from_b.Inverse() : a_from_b;
+  return {from_a, moved_from_point.scale * moved_from_point.rotation.toRotationMatrix(),
+          moved_from_point.translation, camera_from_submap.rotation.toRotationMatrix(),
+          camera_from_submap.translation};
+}
+
+// The derivative's row by a point's right perturbation [translation; rotation; log scale], given
+// the row by the point: d (S * Exp(d)) p / d d at d = 0, in S's source frame, is [I, -[p]x, p].
+Eigen::Matrix<double, 1, 7> PerturbationRow(const Eigen::Vector3d& d_point,
+                                            const Eigen::Vector3d& point) {
+  Eigen::Matrix<double, 1, 7> row;
+  row << d_point.transpose(), point.cross(d_point).transpose(), point.dot(d_point);
+  return row;
+}
+
+std::optional<LandmarkProjection> Project(const Transfer& transfer, const Eigen::Vector3d& point,
+                                          const CameraModel& camera) {
+  const Eigen::Vector3d moved = transfer.moved_from_point * point + transfer.moved_origin;
+  Matrix23d d_pixel_d_camera;
+  const auto pixel = camera.Project(
+      transfer.camera_from_moved * moved + transfer.submap_origin_in_camera, &d_pixel_d_camera);
+  if (!pixel) return std::nullopt;
+  LandmarkProjection projection;
+  projection.pixel = *pixel;
+  const Matrix23d d_pixel_d_moved = d_pixel_d_camera * transfer.camera_from_moved;
+  projection.d_pixel_d_landmark = d_pixel_d_moved * transfer.moved_from_point;
+  for (int i = 0; i < 2; ++i) {
+    // (S Exp(d))^-1 p_a = Exp(-d) S^-1 p_a.
+    projection.d_pixel_d_a_from_b.row(i) =
+        transfer.from_a ? PerturbationRow(-d_pixel_d_moved.row(i).transpose(), moved)
+                        : PerturbationRow(projection.d_pixel_d_landmark.row(i).transpose(), point);
+  }
+  return projection;
 }
 
 // One landmark in one keyframe of the other submap.
 struct Sight {
   size_t match = 0;
-  bool from_a = true;  // a's landmark in b's keyframe, else the other way
   const RefinedLandmark* landmark = nullptr;
-  const Rigid3* camera_from_submap = nullptr;
-  const CameraModel* camera = nullptr;
+  size_t view = 0;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   double variance_px2 = 1;
   double weight = 1;  // share of its match
@@ -31,11 +69,12 @@ struct Sight {
   Eigen::Matrix2d information = Eigen::Matrix2d::Zero();
 };
 
-std::optional<LandmarkProjection> Project(const Sight& sight, const Similarity3& a_from_b) {
-  const Eigen::Vector3d& point = sight.landmark->point_in_submap;
-  return sight.from_a ? ProjectFromA(a_from_b, point, *sight.camera_from_submap, *sight.camera)
-                      : ProjectFromB(a_from_b, point, *sight.camera_from_submap, *sight.camera);
-}
+// Landmarks of a (else of b) in one keyframe of the other submap.
+struct View {
+  bool from_a = true;
+  const Rigid3* camera_from_submap = nullptr;
+  const CameraModel* camera = nullptr;
+};
 
 class Problem {
  public:
@@ -54,9 +93,10 @@ class Problem {
   // Evaluates the covariances of the errors at a_from_b. Sights that do not project count as far
   // outliers from now on.
   void SetInformation(const Similarity3& a_from_b) {
+    const std::vector<Transfer> transfers = TransfersAt(a_from_b);
     for (Sight& sight : sights_) {
       sight.information.setZero();
-      const auto projection = Project(sight, a_from_b);
+      const auto projection = ProjectSight(sight, transfers);
       if (!projection) continue;
       const Matrix23d& jacobian = projection->d_pixel_d_landmark;
       Eigen::Matrix2d covariance = jacobian * sight.landmark->covariance * jacobian.transpose();
@@ -76,8 +116,9 @@ class Problem {
   Normal Linearise(const Similarity3& a_from_b) const {
     Normal normal;
     const double width_squared = options_.robust_width * options_.robust_width;
+    const std::vector<Transfer> transfers = TransfersAt(a_from_b);
     for (const Sight& sight : sights_) {
-      const auto projection = Project(sight, a_from_b);
+      const auto projection = ProjectSight(sight, transfers);
       const double far = 1e6;
       const Eigen::Vector2d error =
           projection ? Eigen::Vector2d(projection->pixel - sight.pixel) : Eigen::Vector2d(0, 0);
@@ -86,9 +127,9 @@ class Problem {
       if (!projection) continue;
       const double weight = sight.weight / (1 + chi_squared / width_squared);
       const Matrix27d& jacobian = projection->d_pixel_d_a_from_b;
-      const Matrix27d weighted = weight * sight.information * jacobian;
-      normal.hessian += jacobian.transpose() * weighted;
-      normal.gradient += weighted.transpose() * error;
+      const Matrix27d weighted = (weight * sight.information).lazyProduct(jacobian);
+      normal.hessian.noalias() += jacobian.transpose().lazyProduct(weighted);
+      normal.gradient.noalias() += weighted.transpose() * error;
     }
     if (options_.fixed_scale) {
       normal.hessian.row(6).setZero();
@@ -103,8 +144,9 @@ class Problem {
     refined->chi_squared.assign(match_count_, 0.0);
     refined->error_px.assign(match_count_, 0.0);
     std::vector<int> counts(match_count_, 0);
+    const std::vector<Transfer> transfers = TransfersAt(refined->a_from_b);
     for (const Sight& sight : sights_) {
-      const auto projection = Project(sight, refined->a_from_b);
+      const auto projection = ProjectSight(sight, transfers);
       const double infinite = std::numeric_limits<double>::infinity();
       const Eigen::Vector2d error =
           projection ? Eigen::Vector2d(projection->pixel - sight.pixel) : Eigen::Vector2d(0, 0);
@@ -131,18 +173,44 @@ class Problem {
       const PointView& view = seen.views[v];
       Sight sight;
       sight.match = match;
-      sight.from_a = from_a;
       sight.landmark = own.landmark;
-      sight.camera_from_submap = &other.camera_from_submap[view.keyframe];
-      sight.camera = other.submap->camera.get();
+      sight.view = ViewOf(from_a, other, view.keyframe);
       sight.pixel = view.pixel;
       sight.variance_px2 = std::pow(options_.sigma_px * view.sigma_px, 2);
       sights_.push_back(sight);
     }
   }
 
+  size_t ViewOf(bool from_a, const SubmapPoints& other, int keyframe) {
+    const Rigid3* camera_from_submap = &other.camera_from_submap[keyframe];
+    size_t view = 0;
+    while (view < views_.size() && (views_[view].from_a != from_a ||
+                                    views_[view].camera_from_submap != camera_from_submap)) {
+      ++view;
+    }
+    if (view == views_.size()) {
+      views_.push_back({from_a, camera_from_submap, other.submap->camera.get()});
+    }
+    return view;
+  }
+
+  std::vector<Transfer> TransfersAt(const Similarity3& a_from_b) const {
+    std::vector<Transfer> transfers;
+    for (const View& view : views_) {
+      transfers.push_back(TransferOf(view.from_a, a_from_b, *view.camera_from_submap));
+    }
+    return transfers;
+  }
+
+  std::optional<LandmarkProjection> ProjectSight(const Sight& sight,
+                                                 const std::vector<Transfer>& transfers) const {
+    return Project(transfers[sight.view], sight.landmark->point_in_submap,
+                   *views_[sight.view].camera);
+  }
+
   const SimilarityRefinementOptions& options_;
   size_t match_count_;
+  std::vector<View> views_;
   std::vector<Sight> sights_;
 };
 
@@ -177,31 +245,14 @@ std::optional<LandmarkProjection> ProjectFromA(const Similarity3& a_from_b,
                                                const Eigen::Vector3d& landmark_in_a,
                                                const Rigid3& camera_from_b,
                                                const CameraModel& camera_b) {
-  const Similarity3 b_from_a = a_from_b.Inverse();
-  const Eigen::Vector3d point_in_b = b_from_a * landmark_in_a;
-  Matrix23d d_pixel_d_point;
-  const auto pixel = camera_b.Project(camera_from_b * point_in_b, &d_pixel_d_point);
-  if (!pixel) return std::nullopt;
-  const Matrix23d d_pixel_d_point_in_b =
-      d_pixel_d_point * camera_from_b.rotation.toRotationMatrix();
-  // (S Exp(d))^-1 p_a = Exp(-d) S^-1 p_a.
-  return LandmarkProjection{
-      *pixel, -d_pixel_d_point_in_b * PerturbationOf(point_in_b),
-      b_from_a.scale * d_pixel_d_point_in_b * b_from_a.rotation.toRotationMatrix()};
+  return Project(TransferOf(true, a_from_b, camera_from_b), landmark_in_a, camera_b);
 }
 
 std::optional<LandmarkProjection> ProjectFromB(const Similarity3& a_from_b,
                                                const Eigen::Vector3d& landmark_in_b,
                                                const Rigid3& camera_from_a,
                                                const CameraModel& camera_a) {
-  Matrix23d d_pixel_d_point;
-  const auto pixel = camera_a.Project(camera_from_a * (a_from_b * landmark_in_b), &d_pixel_d_point);
-  if (!pixel) return std::nullopt;
-  const Matrix23d d_pixel_d_landmark =
-      a_from_b.scale * d_pixel_d_point *
-      (camera_from_a.rotation * a_from_b.rotation).toRotationMatrix();
-  return LandmarkProjection{*pixel, d_pixel_d_landmark * PerturbationOf(landmark_in_b),
-                            d_pixel_d_landmark};
+  return Project(TransferOf(false, a_from_b, camera_from_a), landmark_in_b, camera_a);
 }
 
 std::optional<RefinedSimilarity> RefineSimilarity(const SubmapPoints& a, const SubmapPoints& b,
