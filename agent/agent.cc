@@ -186,7 +186,7 @@ void Agent::TrackPoints(Timestamp time, const cv::Mat& gray) {
   std::vector<TrackPrediction> predictions;
   predictions.reserve(predicted_.size());
   for (const auto& prediction : predicted_) {
-    predictions.push_back({prediction.track, prediction.pixel});
+    predictions.push_back({prediction.track, prediction.pixel, prediction.innovation_covariance});
   }
   // CheckFrame has seen to what Track refuses.
   PORTOLAN_CHECK(tracker_

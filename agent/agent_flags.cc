@@ -11,6 +11,12 @@ void AddTracker(TrackerOptions* options, OptionSection section) {
                      {"orb", DetectorType::kOrb},
                      {"sift", DetectorType::kSift}},
                     "corner detector; shi_tomasi gives the best sub-pixel tracks for its cost");
+  section.AddChoice("matcher", &options->matcher,
+                    {{"flow", MatcherType::kPyramidalFlow}, {"search", MatcherType::kActiveSearch}},
+                    "how tracks are found again: pyramidal Lucas-Kanade from the last image, or "
+                    "correlation over the predicted ellipse");
+  section.Add("search_sigma_px", &options->search_sigma_px, "px",
+              "search: spread of a track that the filter does not predict");
   section.Add("max_points", &options->max_points, "points",
               "live tracks; the filter uses a part, the server's adjustment all");
   section.Add("min_distance_share", &options->min_distance_share, "",
@@ -37,11 +43,16 @@ void AddFilter(FilterOptions* options, OptionSection section) {
               "linearity index below which a landmark becomes Euclidean");
   section.AddChoice("inlier_selection", &options->inlier_selection,
                     {{"one_point_ransac", InlierSelection::kOnePointRansac},
+                     {"joint_compatibility", InlierSelection::kJointCompatibility},
                      {"chi_square", InlierSelection::kChiSquareOnly}},
                     "how wrong matches are found");
   section.Add("ransac_seed", &options->ransac_seed, "", "equal seeds give equal runs");
   section.Add("ransac_max_hypotheses", &options->ransac_max_hypotheses, "",
               "one-point hypotheses a frame at most");
+  section.Add("joint_probability", &options->joint_probability, "",
+              "joint_compatibility: share of the sets of right matches that pass the joint test");
+  section.Add("joint_max_nodes", &options->joint_max_nodes, "",
+              "joint_compatibility: pairings tried a frame at most; bounds the branch and bound");
   section.Add("divergence_max_normalised_innovation",
               &options->divergence_max_normalised_innovation, "",
               "mean normalised innovation above which the filter counts as diverged; 1 is ideal");
