@@ -84,6 +84,28 @@ void AddLandmarks(LandmarkManagerOptions* options, OptionSection section) {
               "successive frames in view without a match that end a landmark");
 }
 
+void AddInitialization(LandmarkInitializerOptions* options, OptionSection section) {
+  section.AddChoice("method", &options->method,
+                    {{"inverse_depth", InitializationMethod::kInverseDepth},
+                     {"two_view", InitializationMethod::kTwoView},
+                     {"multi_view", InitializationMethod::kMultiView},
+                     {"two_view_update", InitializationMethod::kTwoViewUpdate}},
+                    "how landmarks start: at once with an unknown inverse depth; delayed until "
+                    "triangulated from two views (DLT) or from many (Levenberg-Marquardt); from "
+                    "two views and corrected in the same step by two-view geometry (Chen)");
+  section.Add("min_parallax_rad", &options->min_parallax_rad, "rad",
+              "delayed: least angle between the first and the present ray");
+  section.Add("max_sigma_ratio", &options->max_sigma_ratio, "",
+              "delayed: largest sigma of the inverse depth over its value");
+  section.Add("view_interval_frames", &options->view_interval_frames, "frames",
+              "delayed: every n-th frame is kept as a view");
+  section.Add("max_views", &options->max_views, "views", "delayed: the oldest are forgotten");
+  section.Add("pixel_sigma_px", &options->pixel_sigma_px, "px",
+              "delayed: error of a view, that of its camera pose included");
+  section.Add("min_landmarks", &options->min_landmarks, "landmarks",
+              "with fewer measured, new ones start at once even if delayed: pure rotation, starts");
+}
+
 void AddKeyframes(KeyframeSelectorOptions* options, OptionSection section) {
   section.Add("min_parallax_rad", &options->min_parallax_rad, "rad",
               "median parallax that makes a keyframe");
@@ -162,6 +184,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddFilter(&options->filter, table->Section("filter"));
   AddMotion(&options->motion, table->Section("motion"));
   AddLandmarks(&options->landmarks, table->Section("landmarks"));
+  AddInitialization(&options->initialization, table->Section("initialization"));
   AddKeyframes(&options->keyframes, table->Section("keyframes"));
   AddSubmap(&options->submap, table->Section("submap"));
   AddHealth(&options->health, table->Section("health"));
