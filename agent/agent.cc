@@ -24,6 +24,11 @@ std::vector<Measurement> MeasurementsOf(const std::vector<TrackedPoint>& points,
   return measurements;
 }
 
+std::vector<TrackedPoint> Filtered(std::vector<TrackedPoint> points, const auto& is_wanted) {
+  std::erase_if(points, [&](const TrackedPoint& point) { return !is_wanted(point.track); });
+  return points;
+}
+
 bool Contains(const std::vector<TrackId>& sorted, TrackId track) {
   return std::binary_search(sorted.begin(), sorted.end(), track);
 }
@@ -53,6 +58,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(filter.Validate());
   PORTOLAN_RETURN_IF_ERROR(motion.Validate());
   PORTOLAN_RETURN_IF_ERROR(landmarks.Validate());
+  PORTOLAN_RETURN_IF_ERROR(initialization.Validate());
   PORTOLAN_RETURN_IF_ERROR(keyframes.Validate());
   PORTOLAN_RETURN_IF_ERROR(submap.Validate());
   PORTOLAN_RETURN_IF_ERROR(health.Validate());
@@ -91,6 +97,7 @@ Agent::Agent(const AgentOptions& options, const CameraModel& camera, const Subma
       tracker_(std::move(tracker)),
       filter_(std::move(filter)),
       landmarks_(options.landmarks, camera),
+      depths_(options.initialization, camera),
       keyframe_selector_(options.keyframes, camera),
       builder_(options.submap),
       health_(options.health) {
@@ -166,6 +173,7 @@ void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
   inertial_ = false;
   if (initializer_) initializer_->Reset();
   landmarks_.Reset();
+  depths_.Reset();
   health_.Reset();
   PORTOLAN_CHECK(tracker_->Track(gray, {}, Eigen::Quaterniond::Identity()).ok());
   tracker_->Detect();
@@ -186,7 +194,7 @@ void Agent::TrackPoints(Timestamp time, const cv::Mat& gray) {
   std::vector<TrackPrediction> predictions;
   predictions.reserve(predicted_.size());
   for (const auto& prediction : predicted_) {
-    predictions.push_back({prediction.track, prediction.pixel});
+    predictions.push_back({prediction.track, prediction.pixel, prediction.innovation_covariance});
   }
   // CheckFrame has seen to what Track refuses.
   PORTOLAN_CHECK(tracker_
@@ -208,6 +216,7 @@ int Agent::UpdateFilter() {
   Remove(landmarks_.Report(predicted_, update));
   landmarks_.Remove(update.dropped);  // the filter has let go of these itself
   measured_ = static_cast<int>(update.inliers.size());
+  depths_.AddFrame(filter_->submap_from_camera(), tracker_->points());
   return measured_;
 }
 
@@ -229,6 +238,7 @@ void Agent::SeekScale(Timestamp time) {
   filter_->ChangeMotion(std::move(model), ChangeToInertial(*found, camera, imu.imu_from_camera,
                                                            filter_->state().motion_dim()));
   builder_.Rescale(found->scale);
+  depths_.Rescale(found->scale);
   found_scale_ = inertial_ = true;
   link_keeps_units_ = false;
   LogInfo("IMU aligned: one unit was ", found->scale, " m (+-",
@@ -245,10 +255,20 @@ void Agent::Replenish(bool starting) {
   const auto few = static_cast<size_t>(options_.min_tracks_share * options_.tracker.max_points);
   if (!starting && (is_keyframe_ || tracker_->points().size() < few)) tracker_->Detect();
   if (measured_ * 10 > options_.landmarks.target_landmarks * 9) return;
-  const std::vector<TrackId> chosen = landmarks_.Choose(tracker_->points(), measured_, starting);
+  const bool undelayed = starting || !depths_.IsDelayed(measured_);
+  const auto is_candidate = [&](TrackId track) {
+    return landmarks_.IsLandmark(track) || depths_.IsReady(track);
+  };
+  std::vector<TrackId> chosen =
+      landmarks_.Choose(undelayed ? tracker_->points() : Filtered(tracker_->points(), is_candidate),
+                        measured_, starting);
+  std::vector<MeasuredDepth> depths;
+  if (!undelayed) depths = depths_.Measure(&chosen);
   Remove({landmarks_.MakeRoomFor(static_cast<int>(chosen.size())), {}});
-  filter_->AddLandmarks(MeasurementsOf(
-      tracker_->points(), [&chosen](TrackId track) { return Contains(chosen, track); }));
+  filter_->AddLandmarks(
+      MeasurementsOf(tracker_->points(),
+                     [&chosen](TrackId track) { return Contains(chosen, track); }),
+      depths);
   landmarks_.Add(chosen);
 }
 
@@ -291,6 +311,7 @@ std::optional<Submap> Agent::CloseIfFull(Timestamp time) {
   auto closed = TakeSubmap(builder_.Close(filter_->Landmarks()), 2);
   predecessor_from_submap_ = filter_->BeginSubmap();
   if (initializer_) initializer_->Rebase(predecessor_from_submap_);
+  depths_.Rebase(predecessor_from_submap_);
   OpenSubmap(LinkType::kConnected);
   builder_.AddFrame(time, Rigid3::Identity());
   AddKeyframe(time);

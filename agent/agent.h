@@ -13,6 +13,7 @@
 #include "agent/imu/imu_buffer.h"
 #include "agent/imu/imu_motion_model.h"
 #include "agent/imu/inertial_initializer.h"
+#include "agent/landmarks/landmark_initializer.h"
 #include "agent/landmarks/landmark_manager.h"
 #include "agent/odometry/odometry_buffer.h"
 #include "agent/odometry/odometry_motion_model.h"
@@ -60,6 +61,7 @@ struct AgentOptions {
   ConstantVelocityOptions motion{.initial_linear_velocity_sigma = 0.7,
                                  .initial_angular_velocity_sigma = 0.7};
   LandmarkManagerOptions landmarks;
+  LandmarkInitializerOptions initialization;
   KeyframeSelectorOptions keyframes;
   SubmapBuilderOptions submap;
   TrackingHealthOptions health;
@@ -162,6 +164,7 @@ class Agent {
   std::unique_ptr<Tracker> tracker_;
   std::unique_ptr<LocalFilter> filter_;
   LandmarkManager landmarks_;
+  LandmarkInitializer depths_;
   KeyframeSelector keyframe_selector_;
   SubmapBuilder builder_;
   TrackingHealth health_;

@@ -11,6 +11,12 @@ void AddTracker(TrackerOptions* options, OptionSection section) {
                      {"orb", DetectorType::kOrb},
                      {"sift", DetectorType::kSift}},
                     "corner detector; shi_tomasi gives the best sub-pixel tracks for its cost");
+  section.AddChoice("matcher", &options->matcher,
+                    {{"flow", MatcherType::kPyramidalFlow}, {"search", MatcherType::kActiveSearch}},
+                    "how tracks are found again: pyramidal Lucas-Kanade from the last image, or "
+                    "correlation over the predicted ellipse");
+  section.Add("search_sigma_px", &options->search_sigma_px, "px",
+              "search: spread of a track that the filter does not predict");
   section.Add("max_points", &options->max_points, "points",
               "live tracks; the filter uses a part, the server's adjustment all");
   section.Add("min_distance_share", &options->min_distance_share, "",
@@ -37,11 +43,16 @@ void AddFilter(FilterOptions* options, OptionSection section) {
               "linearity index below which a landmark becomes Euclidean");
   section.AddChoice("inlier_selection", &options->inlier_selection,
                     {{"one_point_ransac", InlierSelection::kOnePointRansac},
+                     {"joint_compatibility", InlierSelection::kJointCompatibility},
                      {"chi_square", InlierSelection::kChiSquareOnly}},
                     "how wrong matches are found");
   section.Add("ransac_seed", &options->ransac_seed, "", "equal seeds give equal runs");
   section.Add("ransac_max_hypotheses", &options->ransac_max_hypotheses, "",
               "one-point hypotheses a frame at most");
+  section.Add("joint_probability", &options->joint_probability, "",
+              "joint_compatibility: share of the sets of right matches that pass the joint test");
+  section.Add("joint_max_nodes", &options->joint_max_nodes, "",
+              "joint_compatibility: pairings tried a frame at most; bounds the branch and bound");
   section.Add("divergence_max_normalised_innovation",
               &options->divergence_max_normalised_innovation, "",
               "mean normalised innovation above which the filter counts as diverged; 1 is ideal");
@@ -71,6 +82,28 @@ void AddLandmarks(LandmarkManagerOptions* options, OptionSection section) {
               "successive outlier frames that end a landmark");
   section.Add("max_missed_frames", &options->max_missed_frames, "frames",
               "successive frames in view without a match that end a landmark");
+}
+
+void AddInitialization(LandmarkInitializerOptions* options, OptionSection section) {
+  section.AddChoice("method", &options->method,
+                    {{"inverse_depth", InitializationMethod::kInverseDepth},
+                     {"two_view", InitializationMethod::kTwoView},
+                     {"multi_view", InitializationMethod::kMultiView},
+                     {"two_view_update", InitializationMethod::kTwoViewUpdate}},
+                    "how landmarks start: at once with an unknown inverse depth; delayed until "
+                    "triangulated from two views (DLT) or from many (Levenberg-Marquardt); from "
+                    "two views and corrected in the same step by two-view geometry (Chen)");
+  section.Add("min_parallax_rad", &options->min_parallax_rad, "rad",
+              "delayed: least angle between the first and the present ray");
+  section.Add("max_sigma_ratio", &options->max_sigma_ratio, "",
+              "delayed: largest sigma of the inverse depth over its value");
+  section.Add("view_interval_frames", &options->view_interval_frames, "frames",
+              "delayed: every n-th frame is kept as a view");
+  section.Add("max_views", &options->max_views, "views", "delayed: the oldest are forgotten");
+  section.Add("pixel_sigma_px", &options->pixel_sigma_px, "px",
+              "delayed: error of a view, that of its camera pose included");
+  section.Add("min_landmarks", &options->min_landmarks, "landmarks",
+              "with fewer measured, new ones start at once even if delayed: pure rotation, starts");
 }
 
 void AddKeyframes(KeyframeSelectorOptions* options, OptionSection section) {
@@ -151,6 +184,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddFilter(&options->filter, table->Section("filter"));
   AddMotion(&options->motion, table->Section("motion"));
   AddLandmarks(&options->landmarks, table->Section("landmarks"));
+  AddInitialization(&options->initialization, table->Section("initialization"));
   AddKeyframes(&options->keyframes, table->Section("keyframes"));
   AddSubmap(&options->submap, table->Section("submap"));
   AddHealth(&options->health, table->Section("health"));

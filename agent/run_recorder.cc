@@ -50,12 +50,14 @@ std::string ToJson(const RunSummary& s) {
   return absl::StrFormat(
       "{\"agent\": \"%s\", \"frames\": %d, \"tracked_frames\": %d, \"dropped_frames\": %d, "
       "\"skipped_frames\": %d, \"lost\": %d, \"submaps\": %d, \"frame_ms_median\": %.3f, "
-      "\"frame_ms_p95\": %.3f, \"cpu_ms_per_frame\": %.3f, \"peak_memory_mb\": %.1f, "
+      "\"frame_ms_p95\": %.3f, \"cpu_ms_per_frame\": %.3f, \"landmarks_per_frame\": %.1f, "
+      "\"peak_memory_mb\": %.1f, "
       "\"duration_s\": %.3f, \"sent_bytes\": %d, \"received_bytes\": %d, "
       "\"sent_kb_per_s\": %.3f, \"received_kb_per_s\": %.3f, \"pending_submaps\": %d}\n",
       s.agent, s.frames, s.tracked_frames, s.dropped_frames, s.skipped_frames, s.lost, s.submaps,
-      s.frame_ms_median, s.frame_ms_p95, s.cpu_ms_per_frame, s.peak_memory_mb, s.duration_s,
-      s.sent_bytes, s.received_bytes, s.sent_kb_per_s(), s.received_kb_per_s(), s.pending_submaps);
+      s.frame_ms_median, s.frame_ms_p95, s.cpu_ms_per_frame, s.landmarks_per_frame,
+      s.peak_memory_mb, s.duration_s, s.sent_bytes, s.received_bytes, s.sent_kb_per_s(),
+      s.received_kb_per_s(), s.pending_submaps);
 }
 
 void RunRecorder::AddFrame(Timestamp time, const FrameResult& result, const PlacedPose& placed,
@@ -64,6 +66,7 @@ void RunRecorder::AddFrame(Timestamp time, const FrameResult& result, const Plac
   if (!first_time_) first_time_ = time;
   last_time_ = time;
   if (result.tracking_failed) ++lost_;
+  landmarks_measured_ += result.landmarks_measured;
   if (result.found_scale) {
     // What was known of this submap before was in other units.
     std::erase_if(live_, [&](const LivePoseRecord& record) {
@@ -126,7 +129,9 @@ void RunRecorder::Fill(RunSummary* summary) const {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   if (summary->frames > 0) {
-    summary->cpu_ms_per_frame = 1e3 * CpuSeconds(usage) / static_cast<double>(summary->frames);
+    const auto frames = static_cast<double>(summary->frames);
+    summary->cpu_ms_per_frame = 1e3 * CpuSeconds(usage) / frames;
+    summary->landmarks_per_frame = static_cast<double>(landmarks_measured_) / frames;
   }
   summary->peak_memory_mb = static_cast<double>(usage.ru_maxrss) / 1024.0;
 }

@@ -25,7 +25,8 @@ struct RunSummary {
   int64_t lost = 0;  // times that tracking failed
   double frame_ms_median = 0;
   double frame_ms_p95 = 0;
-  double cpu_ms_per_frame = 0;  // user + system of the whole process, decoding included
+  double cpu_ms_per_frame = 0;     // user + system of the whole process, decoding included
+  double landmarks_per_frame = 0;  // that the filter was updated with, mean
   double peak_memory_mb = 0;
   double duration_s = 0;  // of the images, at their own times
   uint64_t sent_bytes = 0;
@@ -79,6 +80,7 @@ class RunRecorder {
   std::vector<OdometryPiece> pieces_;
   int64_t tracked_frames_ = 0;
   int64_t lost_ = 0;
+  int64_t landmarks_measured_ = 0;
   std::optional<Timestamp> first_time_;
   Timestamp last_time_{};
 };

@@ -24,6 +24,9 @@ Status FilterOptions::Validate() const {
                                    "ransac_success_probability must be inside (0, 1)"));
   PORTOLAN_RETURN_IF_ERROR(
       Require(ransac_max_hypotheses >= 1, "ransac_max_hypotheses must be >= 1"));
+  PORTOLAN_RETURN_IF_ERROR(Require(joint_probability > 0.5 && joint_probability < 1,
+                                   "joint_probability must be inside (0.5, 1)"));
+  PORTOLAN_RETURN_IF_ERROR(Require(joint_max_nodes >= 1, "joint_max_nodes must be >= 1"));
   PORTOLAN_RETURN_IF_ERROR(Require(manoeuvre_gate_share >= 0 && manoeuvre_gate_share <= 1,
                                    "manoeuvre_gate_share must be 0..1"));
   PORTOLAN_RETURN_IF_ERROR(

@@ -11,8 +11,9 @@ namespace portolan {
 
 // How the matches of a frame are sorted into inliers and outliers.
 enum class InlierSelection {
-  kOnePointRansac,  // Civera, Grasa, Davison, Montiel, JFR 2010
-  kChiSquareOnly,   // each match against its own ellipse
+  kOnePointRansac,      // Civera, Grasa, Davison, Montiel, JFR 2010
+  kChiSquareOnly,       // each match against its own ellipse
+  kJointCompatibility,  // JCBB: Neira & Tardos, T-RA 2001
 };
 
 // Lengths are submap units; with a monocular camera one unit is about the distance of the first
@@ -57,6 +58,11 @@ struct FilterOptions {
   double ransac_success_probability = 0.99;
   int ransac_max_hypotheses = 30;
   uint64_t ransac_seed = 1;
+  // kJointCompatibility: share of the sets of right matches that pass the joint chi-square test.
+  double joint_probability = 0.99;
+  // The same: pairings that are tried a frame at most. The best matches come first, so that the
+  // first descent (one a match) is nearly the answer; a few hundred refine it within a millisecond.
+  int joint_max_nodes = 300;
   // If fewer than this share of the matches is inside the prior gate the motion prediction is at
   // fault, not the matches: its process noise is raised by manoeuvre_noise_factor, once.
   double manoeuvre_gate_share = 0.5;

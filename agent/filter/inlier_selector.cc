@@ -7,6 +7,8 @@
 #include <numeric>
 #include <optional>
 
+#include "agent/filter/joint_compatibility.h"
+
 namespace portolan {
 namespace {
 
@@ -168,6 +170,8 @@ std::unique_ptr<InlierSelector> MakeInlierSelector(const FilterOptions& options)
   switch (options.inlier_selection) {
     case InlierSelection::kChiSquareOnly:
       return std::make_unique<ChiSquareOnly>();
+    case InlierSelection::kJointCompatibility:
+      return std::make_unique<JointCompatibility>(options);
     case InlierSelection::kOnePointRansac:
       break;
   }

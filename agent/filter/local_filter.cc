@@ -267,13 +267,29 @@ LocalFilter::DepthPrior LocalFilter::PriorOfNewLandmarks() const {
   return prior;
 }
 
-int LocalFilter::AddLandmarks(std::span<const Measurement> measurements) {
-  const DepthPrior prior = PriorOfNewLandmarks();
+LocalFilter::DepthPrior LocalFilter::WithMeasured(const DepthPrior& prior,
+                                                  const MeasuredDepth& depth) {
+  // A depth that was triangulated from the state's own motion has the state's error of scale.
+  DepthPrior result = prior;
+  result.d_depth_d_state *= depth.inverse_depth / prior.inverse_depth;
+  result.inverse_depth = depth.inverse_depth;
+  result.sigma = depth.sigma;
+  return result;
+}
+
+int LocalFilter::AddLandmarks(std::span<const Measurement> measurements,
+                              std::span<const MeasuredDepth> depths) {
+  const DepthPrior general_prior = PriorOfNewLandmarks();
   const Eigen::Quaterniond rotation = submap_from_camera().rotation;
   int anchor = -1, added = 0;
   for (const Measurement& measurement : measurements) {
     if (state_.full()) break;
     if (HasLandmark(measurement.track) || !measurement.pixel.allFinite()) continue;
+    const auto depth = std::find_if(depths.begin(), depths.end(), [&](const MeasuredDepth& d) {
+      return d.track == measurement.track;
+    });
+    const DepthPrior prior =
+        depth == depths.end() ? general_prior : WithMeasured(general_prior, *depth);
     const auto ray =
         MakeRay(measurement.track, measurement.pixel, prior.inverse_depth, rotation, camera_);
     if (!ray.has_value()) continue;

@@ -44,8 +44,10 @@ class LocalFilter {
   // Measurements of unknown tracks, or that are not finite, count as outliers.
   UpdateResult Update(std::span<const Measurement> measurements);
   // New landmarks at the current pose, at most until the state is full. Tracks that are in the
-  // state already are passed over. Returns how many were added.
-  int AddLandmarks(std::span<const Measurement> measurements);
+  // state already are passed over. Those among `depths` start with that depth, the others with the
+  // prior. Returns how many were added.
+  int AddLandmarks(std::span<const Measurement> measurements,
+                   std::span<const MeasuredDepth> depths = {});
   void RemoveLandmarks(std::span<const TrackId> tracks);
   // The current camera becomes the frame of a new submap; motion and all landmarks are carried
   // over with their joint covariance (conditionally independent submaps, Pinies & Tardos, T-RO
@@ -113,6 +115,7 @@ class LocalFilter {
     Eigen::RowVectorXd d_depth_d_state;
   };
   DepthPrior PriorOfNewLandmarks() const;
+  static DepthPrior WithMeasured(const DepthPrior& prior, const MeasuredDepth& depth);
   // Makes the mean of the known depths the exact unit of length, unless there is a metric one. Not
   // at the start, where the scale must give way to what the first, nonlinear frames got wrong.
   void FixScale();

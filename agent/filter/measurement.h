@@ -16,6 +16,15 @@ struct Measurement {
   double sigma_px = 1.0;
 };
 
+// What is known of a new landmark's depth by other means than its prior: 1 / distance from the
+// current camera along the measured pixel, in 1/unit, and the sigma of that measurement alone; that
+// its unit of length is the state's is the filter's to add.
+struct MeasuredDepth {
+  TrackId track;
+  double inverse_depth = 0;
+  double sigma = 0;
+};
+
 // Where a landmark will be seen. The covariance includes a measurement noise of one pixel; the
 // search region of a match is its ellipse.
 struct PredictedMeasurement {

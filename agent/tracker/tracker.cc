@@ -36,6 +36,12 @@ struct TrackState {
   int lost_at = 0;
 };
 
+// Where a track is searched for.
+struct Expectation {
+  Eigen::Vector2d pixel;
+  Eigen::Matrix2d covariance_px2;
+};
+
 // How a track moved beyond the camera's rotation.
 struct Motion {
   Eigen::Vector2d from;
@@ -90,7 +96,11 @@ class Tracker::Impl {
 
   Eigen::Vector2d Rotated(const Eigen::Vector2d& pixel,
                           const Eigen::Quaterniond& current_from_previous) const;
-  bool Advance(std::span<const Eigen::Vector2d> starts, TrackState* state) const;
+  // Where the track is in the current image: by flow from the best of the starts, or by search.
+  std::optional<PatchAlignment> Find(std::span<const Eigen::Vector2d> starts,
+                                     const Expectation& expected, const TrackState& state) const;
+  bool Advance(std::span<const Eigen::Vector2d> starts, const Expectation& expected,
+               TrackState* state) const;
   void Accept(const PatchAlignment& aligned, TrackState* state) const;
   bool IsUsable(const Eigen::Vector2d& pixel) const {
     return camera_.IsInImage(pixel, options_.border_px);
@@ -120,11 +130,22 @@ Eigen::Vector2d Tracker::Impl::Rotated(const Eigen::Vector2d& pixel,
   return camera_.Project(current_from_previous * *bearing).value_or(pixel);
 }
 
-bool Tracker::Impl::Advance(std::span<const Eigen::Vector2d> starts, TrackState* state) const {
+std::optional<PatchAlignment> Tracker::Impl::Find(std::span<const Eigen::Vector2d> starts,
+                                                  const Expectation& expected,
+                                                  const TrackState& state) const {
+  if (options_.matcher == MatcherType::kActiveSearch) {
+    return SearchPatch(current_, state.reference, {expected.pixel, state.affine},
+                       expected.covariance_px2, {.min_correlation = options_.min_correlation});
+  }
   const Eigen::Vector2d flow =
-      TrackTranslation(previous_, current_, state->point.pixel, starts, kLastFlowLevel)
+      TrackTranslation(previous_, current_, state.point.pixel, starts, kLastFlowLevel)
           .value_or(starts.front());
-  const auto aligned = state->reference.Align(current_, {flow, state->affine});
+  return state.reference.Align(current_, {flow, state.affine});
+}
+
+bool Tracker::Impl::Advance(std::span<const Eigen::Vector2d> starts, const Expectation& expected,
+                            TrackState* state) const {
+  const auto aligned = Find(starts, expected, *state);
   if (!aligned || aligned->correlation < options_.min_correlation ||
       !IsUsable(aligned->pose.pixel)) {
     return false;
@@ -151,10 +172,12 @@ void Tracker::Impl::Track(const cv::Mat& gray, std::span<const TrackPrediction> 
   std::swap(previous_, current_);
   current_.Build(gray, options_.pyramid_levels);
   ++image_count_;
-  std::unordered_map<TrackId, Eigen::Vector2d> predicted;
+  std::unordered_map<TrackId, const TrackPrediction*> predicted;
   for (const TrackPrediction& p : predictions) {
-    if (p.pixel.allFinite()) predicted.emplace(p.track, p.pixel);
+    if (p.pixel.allFinite()) predicted.emplace(p.track, &p);
   }
+  const Eigen::Matrix2d unpredicted =
+      options_.search_sigma_px * options_.search_sigma_px * Eigen::Matrix2d::Identity();
   const Eigen::Quaterniond current_from_previous = previous_from_current.conjugate();
   std::vector<Motion> motions;
   std::vector<TrackMap::iterator> failed;
@@ -165,10 +188,14 @@ void Tracker::Impl::Track(const cv::Mat& gray, std::span<const TrackPrediction> 
     const Eigen::Vector2d turned = Rotated(from, current_from_previous);
     starts.clear();
     const auto prediction = predicted.find(it->first);
-    if (prediction != predicted.end()) starts.push_back(prediction->second);
+    const bool is_predicted = prediction != predicted.end();
+    if (is_predicted) starts.push_back(prediction->second->pixel);
     starts.push_back(turned);
     if (state.point.age_frames > 0) starts.push_back(turned + state.last_shift);
-    if (Advance(starts, &state)) {
+    const Expectation expected =
+        is_predicted ? Expectation{starts.front(), prediction->second->covariance_px2}
+                     : Expectation{starts.back(), unpredicted};
+    if (Advance(starts, expected, &state)) {
       state.last_shift = state.point.pixel - turned;
       motions.push_back({from, state.last_shift});
     } else {
@@ -180,7 +207,7 @@ void Tracker::Impl::Track(const cv::Mat& gray, std::span<const TrackPrediction> 
     TrackState& state = it->second;
     const auto shift = LocalMotion(motions, state.point.pixel);
     if (shift) starts = {Rotated(state.point.pixel, current_from_previous) + *shift};
-    if (shift && Advance(starts, &state)) {
+    if (shift && Advance(starts, {starts.front(), unpredicted}, &state)) {
       state.last_shift = *shift;
     } else {
       Lose(it);
@@ -296,6 +323,9 @@ Status TrackerOptions::Validate() const {
   }
   if (!(min_reacquire_correlation > 0.0 && min_reacquire_correlation < 1.0)) {
     return absl::InvalidArgumentError("min_reacquire_correlation must be in (0, 1)");
+  }
+  if (!(search_sigma_px > 0.0 && search_sigma_px <= 100.0)) {
+    return absl::InvalidArgumentError("search_sigma_px must be in (0, 100]");
   }
   if (pyramid_levels < 0 || pyramid_levels > 8) {
     return absl::InvalidArgumentError("pyramid_levels must be in [0, 8]");

@@ -23,6 +23,15 @@ namespace portolan {
 struct TrackPrediction {
   TrackId track;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  // Of the pixel; what kActiveSearch looks in is its 3-sigma ellipse.
+  Eigen::Matrix2d covariance_px2 = 25.0 * Eigen::Matrix2d::Identity();
+};
+
+// How a live track is found in the next image. Either way the alignment with its reference patch
+// gives the pixel and decides whether it is the same point.
+enum class MatcherType {
+  kPyramidalFlow,  // Lucas-Kanade from the previous image (patch_flow.h)
+  kActiveSearch,   // correlation over the predicted ellipse (patch_search.h)
 };
 
 // A live track in the current image.
@@ -50,6 +59,11 @@ struct TrackerOptions {
   double border_px = 10.0;
   // Two tracks nearer than this are one: the younger goes.
   double merge_distance_px = 3.0;
+  // Flow needs no covariance and bridges what a wrong prediction leaves.
+  MatcherType matcher = MatcherType::kPyramidalFlow;
+  // kActiveSearch: standard deviation of where a track without prediction will be, px; the first
+  // frames and the auxiliary tracks are looked for this far (times three) from the turned pixel.
+  double search_sigma_px = 5.0;
   // Least zero-mean normalised cross-correlation with the reference patch to live on.
   double min_correlation = 0.75;
   // Least correlation to revive a lost track: stricter, as the whole search region competes.

@@ -12,8 +12,10 @@ namespace {
 constexpr int kWidth = 240, kHeight = 180;
 const Eigen::Quaterniond kNoRotation = Eigen::Quaterniond::Identity();
 
-std::unique_ptr<Tracker> MakeTracker(int max_points = 40) {
+std::unique_ptr<Tracker> MakeTracker(int max_points = 40,
+                                     MatcherType matcher = MatcherType::kPyramidalFlow) {
   TrackerOptions options;
+  options.matcher = matcher;
   options.max_points = max_points;
   auto tracker = Tracker::Create(options, TestCamera(kWidth, kHeight));
   PORTOLAN_CHECK(tracker.ok());
@@ -67,6 +69,47 @@ TEST(Tracker, DoesNotDriftOver150Frames) {
   const auto errors = truth.Errors(*tracker, ViewAt(150), 150);
   ASSERT_GE(errors.size(), 15u);
   EXPECT_LT(Largest(errors), 0.15);
+}
+
+TEST(Tracker, ActiveSearchDoesNotDriftEither) {
+  const WaveTexture texture(17);
+  const auto tracker = MakeTracker(40, MatcherType::kActiveSearch);
+  Truth truth;
+  for (int frame = 0; frame <= 60; ++frame) {
+    const View view = ViewAt(frame);
+    ExpectOk(tracker->Track(Render(texture, view, kWidth, kHeight), {}, kNoRotation));
+    if (frame == 0) tracker->Detect();
+    truth.Learn(*tracker, view);
+  }
+  const auto errors = truth.Errors(*tracker, ViewAt(60), 60);
+  ASSERT_GE(errors.size(), 15u);
+  EXPECT_LT(Largest(errors), 0.15);
+}
+
+// Predictions 5.7 px off with ellipses of this variance: how many tracks are found, and how well.
+std::pair<size_t, double> FoundWithVariance(double variance_px2) {
+  const WaveTexture texture(19);
+  const auto tracker = MakeTracker(40, MatcherType::kActiveSearch);
+  ExpectOk(tracker->Track(Render(texture, {}, kWidth, kHeight), {}, kNoRotation));
+  tracker->Detect();
+  Truth truth;
+  truth.Learn(*tracker, {});
+  const View moved{.shift = {40.0, 25.0}};
+  std::vector<TrackPrediction> predictions;
+  for (const TrackedPoint& p : tracker->points()) {
+    predictions.push_back({p.track, moved.Map(p.pixel) + Eigen::Vector2d(4.0, -4.0),
+                           variance_px2 * Eigen::Matrix2d::Identity()});
+  }
+  ExpectOk(tracker->Track(Render(texture, moved, kWidth, kHeight), predictions, kNoRotation));
+  const auto errors = truth.Errors(*tracker, moved, 1);
+  return {errors.size(), errors.empty() ? 0.0 : Largest(errors)};
+}
+
+TEST(Tracker, ActiveSearchLooksInThePredictedEllipseOnly) {
+  const auto [found, error] = FoundWithVariance(9.0);
+  EXPECT_GE(found, 20u);
+  EXPECT_LT(error, 0.1);
+  EXPECT_LE(FoundWithVariance(0.25).first, 2u);
 }
 
 TEST(Tracker, SurvivesExposureChanges) {
@@ -294,6 +337,7 @@ TEST(TrackerOptions, RejectsNonsense) {
            [](TrackerOptions* o) { o->pyramid_levels = 40; },
            [](TrackerOptions* o) { o->base_sigma_px = 0.0; },
            [](TrackerOptions* o) { o->max_lost = -1; },
+           [](TrackerOptions* o) { o->search_sigma_px = 0.0; },
            [](TrackerOptions* o) { o->min_distance_share = 3.0; },
            [](TrackerOptions* o) { o->merge_distance_px = -1.0; },
            [](TrackerOptions* o) { o->detector.fast_threshold = 0; },
