@@ -7,7 +7,7 @@
 #include <memory>
 
 #include "server/refinement/bundle_costs.h"
-#include "server/refinement/dense_bundle_solver.h"
+#include "server/refinement/bundle_solver.h"
 
 namespace portolan {
 namespace {
@@ -157,7 +157,8 @@ void MarkInliers(const BundleOptions& options, BundleProblem* problem, BundleSum
 }  // namespace
 
 Status BundleOptions::Validate() const {
-  if (max_iterations < 1 || rounds < 1 || num_threads < 1 || max_dense_cameras < 0) {
+  if (max_iterations < 1 || rounds < 1 || num_threads < 1 || max_block_cameras < 0 ||
+      max_dense_cameras < 0) {
     return absl::InvalidArgumentError("bundle: iterations, rounds and threads must be positive");
   }
   if (!(loss_scale_sigmas > 0) || !(outlier_chi2 > 0) || !(function_tolerance >= 0)) {
@@ -175,8 +176,8 @@ BundleSummary AdjustBundle(const BundleOptions& options, const std::atomic<bool>
   BundleSummary summary;
   for (int i = 0; i < options.rounds && !summary.interrupted; ++i) {
     BundleParameters parameters(*problem);
-    const bool is_small = FreeCameras(*problem, parameters) <= options.max_dense_cameras;
-    const BundleSolve solve = is_small ? SolveDenseBundle(options, *problem, interrupt, &parameters)
+    const bool is_small = FreeCameras(*problem, parameters) <= options.max_block_cameras;
+    const BundleSolve solve = is_small ? SolveBundle(options, *problem, interrupt, &parameters)
                                        : CeresSolve(options, *problem, &parameters).Run(interrupt);
     if (!solve.usable) break;
     if (i == 0) summary.initial_cost = solve.initial_cost;

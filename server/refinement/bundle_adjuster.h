@@ -31,9 +31,11 @@ struct BundleOptions {
   // Points farther than this many median depths are held at this distance.
   double max_depth_medians = 1000.0;
   int num_threads = 1;
-  // Up to so many free cameras the system is dense and solved by dense_bundle_solver.h, a larger
-  // one by Ceres.
-  int max_dense_cameras = 80;
+  // Up to so many free cameras bundle_solver.h solves the problem, a larger one Ceres, which has no
+  // table of all pairs of cameras.
+  int max_block_cameras = 3000;
+  // Up to so many, the cameras' system is dense.
+  int max_dense_cameras = 60;
 
   Status Validate() const;
 };

@@ -77,11 +77,14 @@ class BundleAdjusterTest : public ::testing::Test {
     return largest;
   }
 
-  static BundleOptions Exact(int max_dense_cameras) {
+  enum class Kind { kDense, kSparse, kCeres };
+
+  static BundleOptions Exact(Kind kind) {
     BundleOptions options;
     options.max_iterations = 200;
     options.function_tolerance = 1e-14;
-    options.max_dense_cameras = max_dense_cameras;
+    options.max_dense_cameras = kind == Kind::kDense ? 1000 : 0;
+    options.max_block_cameras = kind == Kind::kCeres ? 0 : 1000;
     return options;
   }
 
@@ -104,37 +107,41 @@ TEST_F(BundleAdjusterTest, RecoversTheCameras) {
   EXPECT_NEAR(outliers, 0.05 * static_cast<double>(problem_.observations.size()), 15);
 }
 
-// The two solvers minimise one cost, of one robust loss, from one start.
-TEST_F(BundleAdjusterTest, DenseAndSparseSolverAgree) {
-  BundleProblem dense = problem_;
-  BundleProblem sparse = problem_;
-  const BundleSummary of_dense = AdjustBundle(Exact(1000), nullptr, &dense);
-  const BundleSummary of_sparse = AdjustBundle(Exact(0), nullptr, &sparse);
-  EXPECT_NEAR(of_dense.initial_cost, of_sparse.initial_cost, 1e-9 * of_sparse.initial_cost);
-  EXPECT_NEAR(of_dense.final_cost, of_sparse.final_cost, 1e-6 * of_sparse.final_cost);
-  EXPECT_EQ(of_dense.inlier_count, of_sparse.inlier_count);
-  for (int i = 0; i < kCameras; ++i) {
-    EXPECT_LT((dense.cameras[i].world_from_camera.translation -
-               sparse.cameras[i].world_from_camera.translation)
-                  .norm(),
-              1e-5);
+// All minimise one cost, of one robust loss, from one start.
+TEST_F(BundleAdjusterTest, SolversAgree) {
+  BundleProblem ceres = problem_;
+  const BundleSummary of_ceres = AdjustBundle(Exact(Kind::kCeres), nullptr, &ceres);
+  for (const Kind kind : {Kind::kDense, Kind::kSparse}) {
+    BundleProblem own = problem_;
+    const BundleSummary of_own = AdjustBundle(Exact(kind), nullptr, &own);
+    EXPECT_NEAR(of_own.initial_cost, of_ceres.initial_cost, 1e-9 * of_ceres.initial_cost);
+    EXPECT_NEAR(of_own.final_cost, of_ceres.final_cost, 1e-6 * of_ceres.final_cost);
+    EXPECT_EQ(of_own.inlier_count, of_ceres.inlier_count);
+    for (int i = 0; i < kCameras; ++i) {
+      EXPECT_LT((own.cameras[i].world_from_camera.translation -
+                 ceres.cameras[i].world_from_camera.translation)
+                    .norm(),
+                1e-5);
+    }
   }
 }
 
 TEST_F(BundleAdjusterTest, HeldPointsAndCamerasStay) {
   for (int i = 0; i < kCameras; i += 2) problem_.cameras[i].fixed = true;
   for (size_t i = 0; i < problem_.points.size(); i += 3) problem_.points[i].fixed = true;
-  BundleProblem dense = problem_;
-  BundleProblem sparse = problem_;
-  const BundleSummary of_dense = AdjustBundle(Exact(1000), nullptr, &dense);
-  const BundleSummary of_sparse = AdjustBundle(Exact(0), nullptr, &sparse);
-  EXPECT_NEAR(of_dense.final_cost, of_sparse.final_cost, 1e-6 * of_sparse.final_cost);
-  for (int i = 0; i < kCameras; i += 2) {
-    EXPECT_EQ(dense.cameras[i].world_from_camera.translation,
-              problem_.cameras[i].world_from_camera.translation);
-  }
-  for (size_t i = 0; i < problem_.points.size(); i += 3) {
-    EXPECT_EQ(dense.points[i].point_in_world, problem_.points[i].point_in_world);
+  BundleProblem ceres = problem_;
+  const BundleSummary of_ceres = AdjustBundle(Exact(Kind::kCeres), nullptr, &ceres);
+  for (const Kind kind : {Kind::kDense, Kind::kSparse}) {
+    BundleProblem own = problem_;
+    const BundleSummary of_own = AdjustBundle(Exact(kind), nullptr, &own);
+    EXPECT_NEAR(of_own.final_cost, of_ceres.final_cost, 1e-6 * of_ceres.final_cost);
+    for (int i = 0; i < kCameras; i += 2) {
+      EXPECT_EQ(own.cameras[i].world_from_camera.translation,
+                problem_.cameras[i].world_from_camera.translation);
+    }
+    for (size_t i = 0; i < problem_.points.size(); i += 3) {
+      EXPECT_EQ(own.points[i].point_in_world, problem_.points[i].point_in_world);
+    }
   }
 }
 

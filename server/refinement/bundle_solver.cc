@@ -1,12 +1,14 @@
-#include "server/refinement/dense_bundle_solver.h"
+#include "server/refinement/bundle_solver.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <vector>
+
+#include "server/refinement/camera_system.h"
 
 namespace portolan {
 namespace {
@@ -26,7 +28,7 @@ constexpr double kMaxDiagonal = 1e32;
 // One observation that has a say.
 struct Term {
   int camera = 0;
-  int row = -1;  // of the camera's unknowns; -1 if it is held
+  int place = -1;  // of the camera among the free ones; -1 if it is held
   ReprojectionError error;
   // Weighted by the root of the loss's slope.
   Eigen::Vector2d residual = Eigen::Vector2d::Zero();
@@ -54,9 +56,16 @@ struct Unknowns {
 };
 
 struct Coupling {
-  int row;
+  int place;
   Matrix63d plain;
   Matrix63d weighted;  // times the point's inverse information
+};
+
+// A block under the diagonal, from a prior.
+struct Below {
+  int row;
+  int column;
+  Eigen::Matrix<double, 6, 6> block;
 };
 
 class Solver {
@@ -66,9 +75,10 @@ class Solver {
       : options_(options), problem_(problem), interrupt_(interrupt), parameters_(*parameters) {
     for (size_t i = 0; i < problem.cameras.size(); ++i) {
       const bool is_free = parameters_.cameras_used[i] && !problem.cameras[i].fixed;
-      rows_of_.push_back(is_free ? rows_ : -1);
-      if (is_free) rows_ += 6;
+      place_of_.push_back(is_free ? free_count_++ : -1);
     }
+    system_ = std::make_unique<CameraSystem>(free_count_, options.max_dense_cameras);
+    diagonal_.resize(free_count_);
     states_.resize(problem.cameras.size());
     AddTerms();
   }
@@ -130,7 +140,7 @@ class Solver {
       terms.begin = terms_.size();
       for (const int i : observations_of[point]) {
         const BundleObservation& observation = problem_.observations[i];
-        terms_.push_back({observation.camera, rows_of_[observation.camera],
+        terms_.push_back({observation.camera, place_of_[observation.camera],
                           ReprojectionError(&parameters_.point_references[point], observation.pixel,
                                             observation.sigma_px)});
       }
@@ -147,13 +157,13 @@ class Solver {
     return 0.5 * square * std::log1p(chi2 / square);
   }
 
-  // Calls function(residual, row of camera a, its derivative, row of camera b, its derivative) for
-  // every scalar prior; a row is -1 where there is no such camera or it is held.
+  // Calls function(residual, place of camera a, its derivative, place of camera b, its derivative)
+  // for every scalar prior; a place is -1 where there is no such camera or it is held.
   template <typename Function>
   void ForEachPrior(const Function& function) const {
     for (size_t i = 0; i < problem_.cameras.size(); ++i) {
       const BundleCamera& camera = problem_.cameras[i];
-      if (rows_of_[i] < 0 || !camera.prior) continue;
+      if (place_of_[i] < 0 || !camera.prior) continue;
       const PositionCost cost(&parameters_.camera_references[i], *camera.prior);
       Eigen::Vector3d residual;
       Eigen::Matrix<double, 3, 6, Eigen::RowMajor> jacobian;
@@ -161,7 +171,7 @@ class Solver {
       double* jacobians = jacobian.data();
       cost.Evaluate(&unknowns, residual.data(), &jacobians);
       for (int row = 0; row < 3; ++row) {
-        function(residual[row], rows_of_[i], jacobian.row(row), -1, jacobian.row(row));
+        function(residual[row], place_of_[i], jacobian.row(row), -1, jacobian.row(row));
       }
     }
     for (const DistancePrior& prior : problem_.distances) {
@@ -177,7 +187,7 @@ class Solver {
                                                      parameters_.cameras[prior.camera_b].data()};
       std::array<double*, 2> jacobians = {d_a.data(), d_b.data()};
       cost.Evaluate(unknowns.data(), &residual, jacobians.data());
-      function(residual, rows_of_[prior.camera_a], d_a, rows_of_[prior.camera_b], d_b);
+      function(residual, place_of_[prior.camera_a], d_a, place_of_[prior.camera_b], d_b);
     }
   }
 
@@ -207,8 +217,9 @@ class Solver {
   // Where Cost was called last.
   void Linearize() {
     const double square = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
-    information_.setZero(rows_, rows_);
-    gradient_.setZero(rows_);
+    for (auto& block : diagonal_) block.setZero();
+    below_.clear();
+    gradient_.setZero(6 * free_count_);
     for (PointTerms& point : points_) {
       point.information.setZero();
       point.gradient.setZero();
@@ -216,17 +227,16 @@ class Solver {
       for (size_t i = point.begin; i < point.end; ++i) {
         Term& term = terms_[i];
         term.error.Evaluate(states_[term.camera], unknowns, term.residual.data(),
-                            term.row < 0 ? nullptr : term.d_camera.data(), term.d_point.data());
+                            term.place < 0 ? nullptr : term.d_camera.data(), term.d_point.data());
         const double weight = std::sqrt(1 / (1 + term.residual.squaredNorm() / square));
         term.residual *= weight;
         term.d_point *= weight;
         point.information.noalias() += term.d_point.transpose() * term.d_point;
         point.gradient.noalias() += term.d_point.transpose() * term.residual;
-        if (term.row < 0) continue;
+        if (term.place < 0) continue;
         term.d_camera *= weight;
-        information_.block<6, 6>(term.row, term.row).noalias() +=
-            term.d_camera.transpose() * term.d_camera;
-        gradient_.segment<6>(term.row).noalias() += term.d_camera.transpose() * term.residual;
+        diagonal_[term.place].noalias() += term.d_camera.transpose() * term.d_camera;
+        gradient_.segment<6>(6 * term.place).noalias() += term.d_camera.transpose() * term.residual;
       }
       const double inverse_sigma2 = point.inverse_sigma * point.inverse_sigma;
       point.information(2, 2) += inverse_sigma2;
@@ -234,15 +244,15 @@ class Solver {
     }
     ForEachPrior([this](double residual, int a, const auto& d_a, int b, const auto& d_b) {
       if (a >= 0) {
-        information_.block<6, 6>(a, a) += d_a.transpose() * d_a;
-        gradient_.segment<6>(a) += d_a.transpose() * residual;
+        diagonal_[a] += d_a.transpose() * d_a;
+        gradient_.segment<6>(6 * a) += d_a.transpose() * residual;
       }
       if (b >= 0) {
-        information_.block<6, 6>(b, b) += d_b.transpose() * d_b;
-        gradient_.segment<6>(b) += d_b.transpose() * residual;
+        diagonal_[b] += d_b.transpose() * d_b;
+        gradient_.segment<6>(6 * b) += d_b.transpose() * residual;
       }
-      if (a > b && b >= 0) information_.block<6, 6>(a, b) += d_a.transpose() * d_b;
-      if (b > a && a >= 0) information_.block<6, 6>(b, a) += d_b.transpose() * d_a;
+      if (a > b && b >= 0) below_.push_back({a, b, d_a.transpose() * d_b});
+      if (b > a && a >= 0) below_.push_back({b, a, d_b.transpose() * d_a});
     });
   }
 
@@ -252,9 +262,14 @@ class Solver {
 
   // Takes a step; `expected` is by how much the linear model lets the cost decrease.
   bool Step(double damping, double* expected) {
-    reduced_ = information_;
+    system_->SetZero();
     right_ = -gradient_;
-    for (int i = 0; i < rows_; ++i) reduced_(i, i) = Damped(information_(i, i), damping);
+    for (int i = 0; i < free_count_; ++i) {
+      CameraBlock block = system_->Block(i, i);
+      block = diagonal_[i];
+      for (int k = 0; k < 6; ++k) block(k, k) = Damped(block(k, k), damping);
+    }
+    for (const Below& below : below_) system_->Block(below.row, below.column) += below.block;
     for (PointTerms& point : points_) {
       if (!point.is_free) continue;
       Eigen::Matrix3d information = point.information;
@@ -262,16 +277,12 @@ class Solver {
       point.inverse = information.inverse();
       Eliminate(point);
     }
-    if (rows_ > 0) {
-      const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(reduced_);
-      if (factor.info() != Eigen::Success) return false;
-      factor.solveInPlace(right_);
-      if (!right_.allFinite()) return false;
-    }
+    if (!system_->SolveInPlace(&right_)) return false;
     double linear = -gradient_.dot(right_);  // - g' d
     double damped = 0;                       // d' D d
-    for (int i = 0; i < rows_; ++i) {
-      damped += (Damped(information_(i, i), damping) - information_(i, i)) * right_[i] * right_[i];
+    for (int i = 0; i < right_.size(); ++i) {
+      const double diagonal = diagonal_[i / 6](i % 6, i % 6);
+      damped += (Damped(diagonal, damping) - diagonal) * right_[i] * right_[i];
     }
     for (const PointTerms& point : points_) {
       if (!point.is_free) continue;
@@ -286,9 +297,9 @@ class Solver {
     }
     // (H + D) d = -g, so the model's gain -g'd - d'H d / 2 is (-g'd + d'D d) / 2.
     *expected = 0.5 * (linear + damped);
-    for (size_t i = 0; i < rows_of_.size(); ++i) {
-      if (rows_of_[i] < 0) continue;
-      for (int k = 0; k < 6; ++k) parameters_.cameras[i][k] += right_[rows_of_[i] + k];
+    for (size_t i = 0; i < place_of_.size(); ++i) {
+      if (place_of_[i] < 0) continue;
+      for (int k = 0; k < 6; ++k) parameters_.cameras[i][k] += right_[6 * place_of_[i] + k];
     }
     return true;
   }
@@ -297,15 +308,15 @@ class Solver {
     couplings_.clear();
     for (size_t i = point.begin; i < point.end; ++i) {
       const Term& term = terms_[i];
-      if (term.row < 0) continue;
+      if (term.place < 0) continue;
       const Matrix63d coupling = term.d_camera.transpose() * term.d_point;
-      couplings_.push_back({term.row, coupling, coupling * point.inverse});
+      couplings_.push_back({term.place, coupling, coupling * point.inverse});
     }
     for (const Coupling& a : couplings_) {
-      right_.segment<6>(a.row).noalias() += a.weighted * point.gradient;
+      right_.segment<6>(6 * a.place).noalias() += a.weighted * point.gradient;
       for (const Coupling& b : couplings_) {
-        if (b.row > a.row) continue;
-        reduced_.block<6, 6>(a.row, b.row).noalias() -= a.weighted * b.plain.transpose();
+        if (b.place > a.place) continue;
+        system_->Block(a.place, b.place).noalias() -= a.weighted * b.plain.transpose();
       }
     }
   }
@@ -314,9 +325,9 @@ class Solver {
     Eigen::Vector3d right = -point.gradient;
     for (size_t i = point.begin; i < point.end; ++i) {
       const Term& term = terms_[i];
-      if (term.row < 0) continue;
+      if (term.place < 0) continue;
       right.noalias() -=
-          term.d_point.transpose() * (term.d_camera * right_.segment<6>(term.row)).eval();
+          term.d_point.transpose() * (term.d_camera * right_.segment<6>(6 * term.place)).eval();
     }
     return point.inverse * right;
   }
@@ -326,21 +337,23 @@ class Solver {
   const std::atomic<bool>* interrupt_;
   BundleParameters& parameters_;
   std::vector<CameraState> states_;  // by camera, where Cost was called last
-  std::vector<int> rows_of_;         // of a camera
-  int rows_ = 0;
+  std::vector<int> place_of_;        // of a camera
+  int free_count_ = 0;
   std::vector<Term> terms_;
   std::vector<PointTerms> points_;
-  Eigen::MatrixXd information_;  // of the cameras, lower triangle, points not eliminated
+  // Of the cameras, points not eliminated.
+  std::vector<Eigen::Matrix<double, 6, 6>> diagonal_;
+  std::vector<Below> below_;
   Eigen::VectorXd gradient_;
-  Eigen::MatrixXd reduced_;
-  Eigen::VectorXd right_;  // then the cameras' step
+  std::unique_ptr<CameraSystem> system_;  // reduced
+  Eigen::VectorXd right_;                 // then the cameras' step
   std::vector<Coupling> couplings_;
 };
 
 }  // namespace
 
-BundleSolve SolveDenseBundle(const BundleOptions& options, const BundleProblem& problem,
-                             const std::atomic<bool>* interrupt, BundleParameters* parameters) {
+BundleSolve SolveBundle(const BundleOptions& options, const BundleProblem& problem,
+                        const std::atomic<bool>* interrupt, BundleParameters* parameters) {
   return Solver(options, problem, interrupt, parameters).Run();
 }
 

@@ -1,0 +1,21 @@
+// Levenberg-Marquardt for bundle adjustment: the points eliminated, the cameras' system dense or
+// sparse (Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment - a modern synthesis", 2000,
+// Sec. 6), everything in fixed-size blocks and without a graph to set up. The server spends most of
+// its time here.
+#ifndef PORTOLAN_SERVER_REFINEMENT_BUNDLE_SOLVER_H_
+#define PORTOLAN_SERVER_REFINEMENT_BUNDLE_SOLVER_H_
+
+#include <atomic>
+
+#include "server/refinement/bundle_parameters.h"
+
+namespace portolan {
+
+// Minimises the observations' Cauchy losses and the priors over the free cameras and points, from
+// and into `parameters`. `interrupt` may be null. Deterministic.
+BundleSolve SolveBundle(const BundleOptions& options, const BundleProblem& problem,
+                        const std::atomic<bool>* interrupt, BundleParameters* parameters);
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_REFINEMENT_BUNDLE_SOLVER_H_
