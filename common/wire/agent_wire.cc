@@ -19,10 +19,11 @@ void ToProto(const SessionHello& hello, v1::Hello* message) {
 }
 
 StatusOr<SessionHello> FromProto(const v1::Hello& message) {
-  if (message.protocol_version() != kProtocolVersion) {
+  if (message.protocol_version() < kOldestProtocolVersion ||
+      message.protocol_version() > kProtocolVersion) {
     return absl::FailedPreconditionError(
         absl::StrCat("hello.protocol_version: ", message.protocol_version(),
-                     "; this program speaks ", kProtocolVersion));
+                     "; this program speaks ", kOldestProtocolVersion, " to ", kProtocolVersion));
   }
   SessionHello hello;
   hello.agent = AgentId(message.agent_id());

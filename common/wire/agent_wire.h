@@ -15,7 +15,9 @@
 
 namespace portolan {
 
-inline constexpr uint32_t kProtocolVersion = 1;
+// What this program says in Hello, and the oldest that it still understands.
+inline constexpr uint32_t kProtocolVersion = 2;
+inline constexpr uint32_t kOldestProtocolVersion = 1;
 inline constexpr size_t kMaxSoftwareVersionLength = 128;
 inline constexpr size_t kMaxReasonLength = 512;
 
