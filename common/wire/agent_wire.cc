@@ -26,6 +26,7 @@ StatusOr<SessionHello> FromProto(const v1::Hello& message) {
                      "; this program speaks ", kOldestProtocolVersion, " to ", kProtocolVersion));
   }
   SessionHello hello;
+  hello.protocol_version = message.protocol_version();
   hello.agent = AgentId(message.agent_id());
   hello.session = SessionId(message.session_id());
   PORTOLAN_RETURN_IF_ERROR(ValidateSession(hello.agent, hello.session));

@@ -27,6 +27,8 @@ struct SessionHello {
   SessionId session;
   CameraIntrinsics camera;
   std::string software_version;
+  // That the agent speaks; ToProto says kProtocolVersion whatever stands here.
+  uint32_t protocol_version = kProtocolVersion;
   // Newest map version whose corrections the agent holds completely; 0 for none.
   uint64_t received_map_version = 0;
 };
