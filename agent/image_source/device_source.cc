@@ -9,7 +9,6 @@
 #include "agent/image_source/playback_source.h"
 #include "agent/image_source/video_stream.h"
 #include "common/base/concat.h"
-#include "common/base/logging.h"
 
 namespace portolan {
 namespace {
@@ -77,7 +76,7 @@ StatusOr<std::unique_ptr<FrameGrabber>> OpenCameraGrabber(int device,
 
 DeviceSource::DeviceSource(const ImageSourceOptions& options, ImageSourceInfo info,
                            std::unique_ptr<FrameGrabber> grabber)
-    : grabber_(std::move(grabber)), range_(options) {
+    : grabber_(std::move(grabber)), range_(options), order_(options.max_out_of_order) {
   info_ = std::move(info);
   thread_ = std::thread([this] { Run(); });
 }
@@ -141,12 +140,10 @@ StatusOr<std::optional<Frame>> DeviceSource::Next() {
       frame = std::exchange(newest_, std::nullopt);
     }
     // The system's clock may be set back.
-    if (last_time_ && frame->time <= *last_time_) {
-      ++counts_.out_of_order;
-      LogWarning(frame->name, ": its time is not after the frame before; skipped");
-      continue;
-    }
-    last_time_ = frame->time;
+    const StatusOr<bool> usable = order_.Take(frame->time, std::nullopt, frame->name);
+    counts_.out_of_order = order_.skipped();
+    PORTOLAN_RETURN_IF_ERROR(usable.status());
+    if (!*usable) continue;
     PORTOLAN_RETURN_IF_ERROR(
         CheckImageSize(frame->gray, info_.calibration.intrinsics, frame->name));
     ++counts_.delivered;

@@ -13,6 +13,7 @@
 
 #include "agent/image_source/frame_range.h"
 #include "agent/image_source/image_source.h"
+#include "agent/image_source/time_order.h"
 
 namespace portolan {
 
@@ -48,9 +49,9 @@ class DeviceSource : public ImageSource {
   bool Offer(Timestamp time, cv::Mat gray);
 
   const std::unique_ptr<FrameGrabber> grabber_;
-  FrameRange range_;                    // the thread's
-  int64_t next_index_ = 0;              // the thread's
-  std::optional<Timestamp> last_time_;  // the consumer's
+  FrameRange range_;        // the thread's
+  int64_t next_index_ = 0;  // the thread's
+  TimeOrder order_;         // the consumer's
 
   std::mutex mutex_;
   std::condition_variable changed_;

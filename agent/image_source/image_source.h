@@ -52,7 +52,8 @@ class ImageSource {
 
   // The next frame; no value at the end. An error names the file: NotFound or DataLoss for an
   // image (asking again goes on with the next one), InvalidArgument for an image that is not of
-  // the calibration's size, Unavailable for a device that went away. Blocks in real-time mode.
+  // the calibration's size, FailedPrecondition for a clock that was set back, Unavailable for a
+  // device that went away. Blocks in real-time mode.
   virtual StatusOr<std::optional<Frame>> Next() = 0;
 
   const ImageSourceInfo& info() const { return info_; }

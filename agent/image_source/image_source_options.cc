@@ -43,6 +43,9 @@ Status ImageSourceOptions::Validate() const {
   if (!(frame_rate_hz >= 0 && frame_rate_hz <= 10000)) {
     return absl::InvalidArgumentError("source.frame_rate_hz: must be in 0..10000");
   }
+  if (max_out_of_order < 0) {
+    return absl::InvalidArgumentError("source.max_out_of_order: must not be negative");
+  }
   if (max_unreadable < 0) {
     return absl::InvalidArgumentError("source.max_unreadable: must not be negative");
   }
@@ -89,6 +92,8 @@ void AddImageSourceOptions(OptionTable* table, ImageSourceOptions* options) {
   source.Add("rate", &options->rate, "x real time",
              "0 runs as fast as it goes and drops no frame, so that runs are repeatable; otherwise "
              "frames come on time and those that cannot be kept up with are dropped.");
+  source.Add("max_out_of_order", &options->max_out_of_order, "frames",
+             "frames in a row whose times have gone back that are skipped before the run ends");
   source.Add("max_unreadable", &options->max_unreadable, "frames",
              "Missing or damaged images that are skipped before one ends the run; 0 is strict.");
   for (const char* name : {"start", "end", "stride", "rate", "calibration"}) {

@@ -67,6 +67,10 @@ struct ImageSourceOptions {
   // Unreadable or missing images that are skipped before one ends the run: a few damaged files of
   // a recording cost less than the run; 0 is strict.
   int max_unreadable = 0;
+  // Frames in a row that are skipped because their times are not after that of the last one used,
+  // before the run ends: a few swapped or repeated frames are survived, a clock that was set back
+  // is not.
+  int max_out_of_order = 50;
 
   PlaybackClock clock = PlaybackClock::Steady();
 

@@ -26,7 +26,10 @@ Status CheckImageSize(const cv::Mat& image, const CameraIntrinsics& intrinsics,
 PlaybackSource::PlaybackSource(const ImageSourceOptions& options, ImageSourceInfo info,
                                std::unique_ptr<FrameStream> stream, std::vector<ImuSample> imu,
                                std::vector<OdometrySample> odometry)
-    : options_(options), range_(options), stream_(std::move(stream)) {
+    : options_(options),
+      range_(options),
+      order_(options.max_out_of_order),
+      stream_(std::move(stream)) {
   info_ = std::move(info);
   imu_ = std::move(imu);
   odometry_ = std::move(odometry);
@@ -36,7 +39,11 @@ StatusOr<std::optional<Frame>> PlaybackSource::Next() {
   while (const auto header = stream_->Advance()) {
     const FrameRange::Place place = range_.PlaceOf(header->index, header->time);
     if (place == FrameRange::Place::kBeyond) break;
-    if (place == FrameRange::Place::kSkipped || !IsInOrder(*header)) continue;
+    if (place == FrameRange::Place::kSkipped) continue;
+    const StatusOr<bool> usable = order_.Take(header->time, header->next_time, header->name);
+    counts_.out_of_order = order_.skipped();
+    PORTOLAN_RETURN_IF_ERROR(usable.status());
+    if (!*usable) continue;
     if (options_.rate > 0 && !AwaitDue(*header)) {
       ++counts_.dropped;
       continue;
@@ -45,18 +52,6 @@ StatusOr<std::optional<Frame>> PlaybackSource::Next() {
     if (frame) return frame;
   }
   return std::optional<Frame>();
-}
-
-bool PlaybackSource::IsInOrder(const FrameHeader& header) {
-  if (last_time_ && header.time <= *last_time_) {
-    if (++counts_.out_of_order <= kMaxWarnings) {
-      LogWarning(header.name, ": its time ", header.time.count(), " ns is not after ",
-                 last_time_->count(), " ns of the frame before; skipped");
-    }
-    return false;
-  }
-  last_time_ = header.time;
-  return true;
 }
 
 bool PlaybackSource::AwaitDue(const FrameHeader& header) {

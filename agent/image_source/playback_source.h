@@ -9,6 +9,7 @@
 #include "agent/image_source/frame_stream.h"
 #include "agent/image_source/image_source.h"
 #include "agent/image_source/sequence_listing.h"
+#include "agent/image_source/time_order.h"
 
 namespace portolan {
 
@@ -23,14 +24,13 @@ class PlaybackSource : public ImageSource {
  private:
   // Waits until the frame is due. False if its successor is due already: then it is dropped.
   bool AwaitDue(const FrameHeader& header);
-  bool IsInOrder(const FrameHeader& header);
   // No value if the frame is unreadable but may be skipped.
   StatusOr<std::optional<Frame>> Read(const FrameHeader& header);
 
   const ImageSourceOptions options_;
   FrameRange range_;
+  TimeOrder order_;
   std::unique_ptr<FrameStream> stream_;
-  std::optional<Timestamp> last_time_;
   // Sequence time and wall time of the first frame, which the others are due after.
   std::optional<Timestamp> origin_;
   PlaybackClock::Time wall_origin_{};

@@ -5,16 +5,12 @@
 #include <cstdint>
 
 #include "common/base/check.h"
+#include "common/features/brief_pattern.h"
 
 namespace portolan {
 namespace {
 
-constexpr int kRadiusPx = 15;
-constexpr int kPairs = 256;
-
-struct TestPair {
-  float ax, ay, bx, by;
-};
+constexpr int kRadiusPx = kBriefRadiusPx;
 
 // Half widths of the disc's rows: row v holds the columns -w[v] .. w[v].
 std::array<int, kRadiusPx + 1> DiscHalfWidths() {
@@ -23,49 +19,6 @@ std::array<int, kRadiusPx + 1> DiscHalfWidths() {
     widths[v] = static_cast<int>(std::floor(std::sqrt(kRadiusPx * kRadiusPx - v * v)));
   }
   return widths;
-}
-
-// A fixed generator, so that the pattern is the same with every compiler and for ever: it is part
-// of the wire format (Knuth's MMIX constants).
-class PatternGenerator {
- public:
-  double Uniform() {
-    state_ = state_ * 6364136223846793005ull + 1442695040888963407ull;
-    return static_cast<double>(state_ >> 40) / static_cast<double>(1u << 24);
-  }
-  // Sum of 12 uniform numbers: normal enough, and exact arithmetic everywhere.
-  double Normal() {
-    double sum = -6.0;
-    for (int i = 0; i < 12; ++i) sum += Uniform();
-    return sum;
-  }
-
- private:
-  uint64_t state_ = 20081108;
-};
-
-// BRIEF's pattern "G II": both points isotropic Gaussian, here with sigma = radius / 2.5, inside
-// the disc, at least 3 px apart so that a comparison means something after smoothing.
-std::array<TestPair, kPairs> MakePattern() {
-  std::array<TestPair, kPairs> pattern{};
-  PatternGenerator generator;
-  const double sigma = kRadiusPx / 2.5;
-  const auto point = [&](float* x, float* y) {
-    double px = 0.0, py = 0.0;
-    do {
-      px = std::round(sigma * generator.Normal());
-      py = std::round(sigma * generator.Normal());
-    } while (px * px + py * py > kRadiusPx * kRadiusPx);
-    *x = static_cast<float>(px);
-    *y = static_cast<float>(py);
-  };
-  for (TestPair& pair : pattern) {
-    do {
-      point(&pair.ax, &pair.ay);
-      point(&pair.bx, &pair.by);
-    } while (std::hypot(pair.ax - pair.bx, pair.ay - pair.by) < 3.0f);
-  }
-  return pattern;
 }
 
 }  // namespace
@@ -93,7 +46,18 @@ float IntensityCentroidAngle(const cv::Mat& gray, const Eigen::Vector2d& pixel) 
 
 Descriptor DescribeRotatedBrief(const cv::Mat& smoothed, const Eigen::Vector2d& pixel,
                                 float angle_rad) {
-  static const std::array<TestPair, kPairs> kPattern = MakePattern();
+  struct TestPair {
+    float ax, ay, bx, by;
+  };
+  static const std::array<TestPair, kBriefPairs> kPattern = [] {
+    std::array<TestPair, kBriefPairs> pattern{};
+    for (int i = 0; i < kBriefPairs; ++i) {
+      const BriefPair& pair = BriefPattern()[i];
+      pattern[i] = {static_cast<float>(pair.ax), static_cast<float>(pair.ay),
+                    static_cast<float>(pair.bx), static_cast<float>(pair.by)};
+    }
+    return pattern;
+  }();
   const float c = std::cos(angle_rad), s = std::sin(angle_rad);
   // The pixel's fraction takes part in the rounding, hence the half pixel.
   const float x0 = static_cast<float>(pixel.x()) + 0.5f;

@@ -19,12 +19,14 @@ void ToProto(const SessionHello& hello, v1::Hello* message) {
 }
 
 StatusOr<SessionHello> FromProto(const v1::Hello& message) {
-  if (message.protocol_version() != kProtocolVersion) {
+  if (message.protocol_version() < kOldestProtocolVersion ||
+      message.protocol_version() > kProtocolVersion) {
     return absl::FailedPreconditionError(
         absl::StrCat("hello.protocol_version: ", message.protocol_version(),
-                     "; this program speaks ", kProtocolVersion));
+                     "; this program speaks ", kOldestProtocolVersion, " to ", kProtocolVersion));
   }
   SessionHello hello;
+  hello.protocol_version = message.protocol_version();
   hello.agent = AgentId(message.agent_id());
   hello.session = SessionId(message.session_id());
   PORTOLAN_RETURN_IF_ERROR(ValidateSession(hello.agent, hello.session));

@@ -15,7 +15,9 @@
 
 namespace portolan {
 
-inline constexpr uint32_t kProtocolVersion = 1;
+// What this program says in Hello, and the oldest that it still understands.
+inline constexpr uint32_t kProtocolVersion = 2;
+inline constexpr uint32_t kOldestProtocolVersion = 1;
 inline constexpr size_t kMaxSoftwareVersionLength = 128;
 inline constexpr size_t kMaxReasonLength = 512;
 
@@ -25,6 +27,8 @@ struct SessionHello {
   SessionId session;
   CameraIntrinsics camera;
   std::string software_version;
+  // That the agent speaks; ToProto says kProtocolVersion whatever stands here.
+  uint32_t protocol_version = kProtocolVersion;
   // Newest map version whose corrections the agent holds completely; 0 for none.
   uint64_t received_map_version = 0;
 };

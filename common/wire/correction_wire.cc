@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/wire/geometry_wire.h"
+#include "common/wire/pose_columns.h"
 #include "common/wire/submap_validation.h"
 
 namespace portolan {
@@ -13,6 +14,33 @@ namespace {
 
 constexpr int kTangentSize = 7;
 constexpr double kMaxVariance = 1e24;
+// The first that knows PoseColumns.
+constexpr uint32_t kPoseColumnsVersion = 2;
+
+StatusOr<std::vector<Rigid3>> AdjustedPoses(const v1::SubmapCorrection& message,
+                                            const std::string& where) {
+  const auto& numbers = message.adjusted_submap_from_camera();
+  if (message.has_adjusted_poses()) {
+    if (!numbers.empty()) {
+      return absl::InvalidArgumentError(absl::StrCat(where, ": adjusted poses in both forms"));
+    }
+    return DecodePoses(message.adjusted_poses(), kMaxKeyframes,
+                       absl::StrCat(where, ".adjusted_poses"));
+  }
+  if (numbers.size() % kPoseNumbers != 0 ||
+      numbers.size() > kPoseNumbers * static_cast<int>(kMaxKeyframes)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(where, ".adjusted_submap_from_camera: ", numbers.size(), " numbers"));
+  }
+  std::vector<Rigid3> poses;
+  for (int i = 0; i < numbers.size() / kPoseNumbers; ++i) {
+    PORTOLAN_ASSIGN_OR_RETURN(
+        Rigid3 pose,
+        PoseAt(numbers, i, absl::StrCat(where, ".adjusted_submap_from_camera[", i, "]")));
+    poses.push_back(pose);
+  }
+  return poses;
+}
 
 StatusOr<SubmapPlacement> PlacementFromProto(const v1::SubmapCorrection& message,
                                              const std::string& where) {
@@ -37,24 +65,13 @@ StatusOr<SubmapPlacement> PlacementFromProto(const v1::SubmapCorrection& message
           absl::StrCat(where, ".covariance_diagonal: negative or not finite"));
     }
   }
-  const auto& poses = message.adjusted_submap_from_camera();
-  if (poses.size() % kPoseNumbers != 0 ||
-      poses.size() > kPoseNumbers * static_cast<int>(kMaxKeyframes)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(where, ".adjusted_submap_from_camera: ", poses.size(), " numbers"));
-  }
-  for (int i = 0; i < poses.size() / kPoseNumbers; ++i) {
-    PORTOLAN_ASSIGN_OR_RETURN(
-        Rigid3 pose,
-        PoseAt(poses, i, absl::StrCat(where, ".adjusted_submap_from_camera[", i, "]")));
-    placement.adjusted_submap_from_camera.push_back(pose);
-  }
+  PORTOLAN_ASSIGN_OR_RETURN(placement.adjusted_submap_from_camera, AdjustedPoses(message, where));
   return placement;
 }
 
 }  // namespace
 
-void ToProto(const MapCorrection& correction, v1::Correction* message) {
+void ToProto(const MapCorrection& correction, uint32_t protocol_version, v1::Correction* message) {
   message->set_map_version(correction.map_version);
   message->set_more(correction.more);
   for (const SubmapPlacement& placement : correction.submaps) {
@@ -67,8 +84,12 @@ void ToProto(const MapCorrection& correction, v1::Correction* message) {
       m->add_covariance_diagonal(
           static_cast<float>(std::min(placement.covariance_diagonal[i], kMaxVariance)));
     }
-    for (const Rigid3& pose : placement.adjusted_submap_from_camera) {
-      AppendPose(pose, m->mutable_adjusted_submap_from_camera());
+    if (protocol_version < kPoseColumnsVersion) {
+      for (const Rigid3& pose : placement.adjusted_submap_from_camera) {
+        AppendPose(pose, m->mutable_adjusted_submap_from_camera());
+      }
+    } else if (!placement.adjusted_submap_from_camera.empty()) {
+      EncodePoses(placement.adjusted_submap_from_camera, m->mutable_adjusted_poses());
     }
   }
 }

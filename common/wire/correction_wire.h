@@ -13,7 +13,8 @@ namespace portolan {
 inline constexpr size_t kMaxSubmapsPerCorrection = 1024;
 
 // Expects at most kMaxSubmapsPerCorrection submaps; SplitCorrection gives such.
-void ToProto(const MapCorrection& correction, v1::Correction* message);
+// `protocol_version`: of the agent.
+void ToProto(const MapCorrection& correction, uint32_t protocol_version, v1::Correction* message);
 StatusOr<MapCorrection> FromProto(const v1::Correction& message);
 
 // Parts of at most `max_submaps` each, all but the last with `more`; one part if it is empty.

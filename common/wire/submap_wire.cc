@@ -157,9 +157,9 @@ WireSizes SizesOf(const v1::Submap& m) {
   sizes.observation_sigmas = o.sigma().size();
   const auto& f = m.features();
   sizes.feature_pixels = f.x().size() + f.y().size();
-  sizes.feature_attributes =
-      VarintBytes(f.count()) + f.half_octave().size() + f.on_track().size() + f.track().size();
-  sizes.feature_descriptors = f.descriptors().size();
+  sizes.feature_attributes = VarintBytes(f.count()) + f.half_octave().size() + f.on_track().size() +
+                             f.track().size() + f.observed().size();
+  sizes.feature_descriptors = f.descriptors().size() + f.coded_descriptors().size();
   const auto& l = m.landmarks();
   sizes.landmarks = VarintBytes(l.track_delta()) + FloatBytes(l.point_in_submap()) +
                     FloatBytes(l.covariance_factor());

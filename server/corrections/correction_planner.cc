@@ -42,7 +42,7 @@ Status CorrectionOptions::Validate() const {
 }
 
 double EstimateBytes(const SubmapPlacement& placement) {
-  return 130 + 28.0 * static_cast<double>(placement.adjusted_submap_from_camera.size());
+  return 120 + 13.0 * static_cast<double>(placement.adjusted_submap_from_camera.size());
 }
 
 SubmapPlacement MakePlacement(const SubmapState& state, const MapSnapshot& snapshot) {

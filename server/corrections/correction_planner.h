@@ -23,10 +23,11 @@ struct CorrectionOptions {
   double rotation_rad = 1e-3;
   // ... or changed its scale by more than this share.
   double scale_share = 1e-3;
-  // Long-term downlink of one agent, bytes per second. The target is 2 kB/s with gRPC's framing.
-  double bytes_per_second = 1500;
+  // Long-term downlink of one agent, bytes per second. The target is 2 kB/s with the newest
+  // submaps, which do not wait, acknowledgements and gRPC's framing.
+  double bytes_per_second = 1200;
   // What may be sent at once after a silence, bytes: some 10 submaps.
-  double burst_bytes = 6000;
+  double burst_bytes = 3000;
 
   Status Validate() const;
 };
@@ -72,7 +73,7 @@ class CorrectionPlanner {
   bool has_deferred_ = false;
 };
 
-// Size of a placement on the wire, within a few bytes.
+// Size of a placement on the wire, within some ten bytes (to an agent of the present protocol).
 double EstimateBytes(const SubmapPlacement& placement);
 
 SubmapPlacement MakePlacement(const SubmapState& state, const MapSnapshot& snapshot);

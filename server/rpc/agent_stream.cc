@@ -66,6 +66,7 @@ void AgentStream::HandleHello(const v1::Hello& message) {
   const StatusOr<uint32_t> next = server_.ingest->OpenSession(*hello);
   if (!next.ok()) return End(next.status());
   session_ = session;
+  protocol_version_ = hello->protocol_version;
   if (const auto older = streams_->Register(session, shared_from_this())) {
     older->End(absl::AbortedError("the session connected a second time"));
   }
@@ -140,7 +141,7 @@ void AgentStream::Send(const MapCorrection& correction) {
   parts.back().more |= correction.more;
   for (const MapCorrection& part : parts) {
     v1::ServerMessage message;
-    ToProto(part, message.mutable_correction());
+    ToProto(part, protocol_version_, message.mutable_correction());
     Write(std::move(message));
   }
 }

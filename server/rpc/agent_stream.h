@@ -63,6 +63,8 @@ class AgentStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerM
   std::shared_ptr<AgentStream> self_;
   // Set by Hello, on the thread of the read; read later by the same chain of reads.
   std::optional<SessionName> session_;
+  // That the agent speaks; set by Hello before corrections are asked for.
+  uint32_t protocol_version_ = 0;
   // Set by Finish, likewise: the end of the agent's messages is no reason to end the stream.
   bool finish_requested_ = false;
 

@@ -58,6 +58,7 @@ TEST(ImageSourceOptions, ValidateNamesTheOption) {
   expect_error([](ImageSourceOptions* o) { o->camera = -1; }, "camera");
   expect_error([](ImageSourceOptions* o) { o->stride = 0; }, "stride");
   expect_error([](ImageSourceOptions* o) { o->rate = -1; }, "rate");
+  expect_error([](ImageSourceOptions* o) { o->max_out_of_order = -1; }, "max_out_of_order");
   expect_error([](ImageSourceOptions* o) { o->frame_rate_hz = -1; }, "frame_rate_hz");
   expect_error([](ImageSourceOptions* o) { o->max_unreadable = -1; }, "max_unreadable");
   expect_error(

@@ -77,6 +77,35 @@ TEST_F(PlaybackSourceTest, RepeatedAndBackwardTimesAreSkippedAndCounted) {
   EXPECT_THAT(log_, ElementsAre(HasSubstr("2.png"), HasSubstr("3.png")));
 }
 
+TEST_F(PlaybackSourceTest, ATimeFarAheadOrBeforeTheEpochCostsOneFrame) {
+  WriteTestFolder(dir_, 5);
+  dir_.Write("times.txt",
+             "1.0 images/0.png\n99999.0 images/1.png\n1.1 images/2.png\n-3.0 images/3.png\n"
+             "1.2 images/4.png\n");
+  const auto source = OpenOrFail(options_);
+  ASSERT_TRUE(source);
+  EXPECT_THAT(PixelValues(*source), ElementsAre(0, 2, 4));
+  EXPECT_EQ(source->counts().out_of_order, 2);
+  EXPECT_THAT(log_, ElementsAre(AllOf(HasSubstr("1.png"), HasSubstr("frame that follows")),
+                                AllOf(HasSubstr("3.png"), HasSubstr("not that of a clock"))));
+}
+
+TEST_F(PlaybackSourceTest, AClockThatWasSetBackEndsTheStream) {
+  WriteTestFolder(dir_, 6);
+  dir_.Write("times.txt",
+             "5.0 images/0.png\n5.1 images/1.png\n1.0 images/2.png\n1.1 images/3.png\n"
+             "1.2 images/4.png\n1.3 images/5.png\n");
+  options_.max_out_of_order = 2;
+  const auto source = OpenOrFail(options_);
+  ASSERT_TRUE(source);
+  EXPECT_THAT(source->Next(), IsOk());
+  EXPECT_THAT(source->Next(), IsOk());
+  EXPECT_THAT(source->Next(),
+              StatusIs(StatusCode::kFailedPrecondition,
+                       AllOf(HasSubstr("4.png"), HasSubstr("clock"), HasSubstr("1.png"))));
+  EXPECT_EQ(source->counts().out_of_order, 3);
+}
+
 TEST_F(PlaybackSourceTest, SizeOtherThanTheCalibrationsIsAClearError) {
   WriteTestFolder(dir_, 2);
   WriteImage(dir_ / "images/1.png", FlatImage(1, 16, 12));

@@ -210,7 +210,7 @@ TEST_F(UplinkSessionTest, HandsCorrectionsOn) {
   correction.submaps[0].component = ComponentId(3);
   correction.submaps[0].world_from_submap.scale = 2;
   v1::ServerMessage message;
-  ToProto(correction, message.mutable_correction());
+  ToProto(correction, kProtocolVersion, message.mutable_correction());
   corrector_.CloseSubmap(SmallSubmap(0));
   FakeServer server(&map_, {.die_after_uploads = 1, .after_welcome = {message}});
   StartSession(server.address());

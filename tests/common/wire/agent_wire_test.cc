@@ -37,9 +37,12 @@ TEST(AgentWire, KeepsHello) {
 TEST(AgentWire, RefusesHelloOfAnotherVersionOrWithoutIdentity) {
   v1::Hello message;
   ToProto(Hello(), &message);
-  message.set_protocol_version(2);
+  message.set_protocol_version(3);
   EXPECT_THAT(FromProto(message),
-              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("protocol_version: 2")));
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("protocol_version: 3")));
+  message.set_protocol_version(0);
+  EXPECT_THAT(FromProto(message),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("protocol_version: 0")));
   message.set_protocol_version(1);
   message.set_session_id(0);
   EXPECT_THAT(FromProto(message),
@@ -52,6 +55,14 @@ TEST(AgentWire, RefusesHelloOfAnotherVersionOrWithoutIdentity) {
   message.set_software_version(std::string(129, 'v'));
   EXPECT_THAT(FromProto(message),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("software_version")));
+}
+
+TEST(AgentWire, TakesHelloOfTheOldestVersion) {
+  v1::Hello message;
+  ToProto(Hello(), &message);
+  EXPECT_EQ(message.protocol_version(), kProtocolVersion);
+  message.set_protocol_version(kOldestProtocolVersion);
+  EXPECT_THAT(FromProto(message), IsOk());
 }
 
 TEST(AgentWire, KeepsLivePoses) {
