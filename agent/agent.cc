@@ -64,6 +64,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(health.Validate());
   PORTOLAN_RETURN_IF_ERROR(imu.Validate());
   PORTOLAN_RETURN_IF_ERROR(odometry.Validate());
+  PORTOLAN_RETURN_IF_ERROR(local_adjustment.Validate());
   if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
     return absl::InvalidArgumentError("min_tracks_share must be within 0 and 1");
   }
@@ -352,6 +353,13 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) con
   result.landmarks_measured = measured_;
   result.tracks = static_cast<int>(tracker_->points().size());
   result.is_keyframe = is_keyframe_;
+  if (tracked) {
+    for (const TrackedPoint& point : UsablePoints()) {
+      result.sights.push_back(
+          {{point.track, point.pixel.cast<float>(), static_cast<float>(point.sigma_px)},
+           landmarks_.IsLandmark(point.track)});
+    }
+  }
   result.closed_submap = std::move(closed_submap);
   return result;
 }

@@ -15,6 +15,7 @@
 #include "agent/imu/inertial_initializer.h"
 #include "agent/landmarks/landmark_initializer.h"
 #include "agent/landmarks/landmark_manager.h"
+#include "agent/local_adjustment/local_adjustment.h"
 #include "agent/odometry/odometry_buffer.h"
 #include "agent/odometry/odometry_motion_model.h"
 #include "agent/submap/keyframe_selector.h"
@@ -67,6 +68,7 @@ struct AgentOptions {
   TrackingHealthOptions health;
   ImuOptions imu;
   OdometryOptions odometry;
+  LocalAdjustmentOptions local_adjustment;
   // New corners are looked for when fewer than this share of tracker.max_points is left, and at
   // every keyframe.
   double min_tracks_share = 0.8;
@@ -96,6 +98,9 @@ struct FrameResult {
   int landmarks_measured = 0;
   int tracks = 0;
   bool is_keyframe = false;
+  // What the frame saw of the tracks, outliers of the filter left out; ascending track id. Empty
+  // if the frame is not tracked.
+  std::vector<LiveSight> sights;
   // The submap that this frame completed, ready for upload.
   std::optional<Submap> closed_submap;
 };

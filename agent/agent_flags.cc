@@ -177,6 +177,17 @@ void AddOdometry(OdometryOptions* options, OptionSection section) {
               "samples farther apart leave a gap, which is bridged at constant velocity");
 }
 
+void AddLocalAdjustment(LocalAdjustmentOptions* options, OptionSection section) {
+  section.Add("max_keyframes", &options->max_keyframes, "keyframes",
+              "keyframes of an adjustment");
+  section.Add("max_free_keyframes", &options->max_free_keyframes, "keyframes",
+              "how many of them it moves; the older ones hold pose and scale");
+  section.Add("max_iterations", &options->bundle.max_iterations, "",
+              "Levenberg-Marquardt steps a keyframe");
+  section.Add("loss_scale_sigmas", &options->bundle.loss_scale_sigmas, "",
+              "errors beyond this many sigmas weigh less");
+}
+
 }  // namespace
 
 void AddAgentOptions(AgentOptions* options, OptionTable* table) {
@@ -190,6 +201,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddHealth(&options->health, table->Section("health"));
   AddImu(&options->imu, table->Section("imu"));
   AddOdometry(&options->odometry, table->Section("odometry"));
+  AddLocalAdjustment(&options->local_adjustment, table->Section("local_adjustment"));
   table->Add("min_tracks_share", &options->min_tracks_share, "",
              "new corners are looked for when fewer than this share of the points is left");
 }

@@ -73,15 +73,20 @@ StatusOr<std::unique_ptr<AgentRunner>> AgentRunner::Create(const RunnerOptions& 
   PORTOLAN_ASSIGN_OR_RETURN(const MotionSensors sensors, FindMotionSensors(*source));
   PORTOLAN_ASSIGN_OR_RETURN(
       auto agent, Agent::Create(agent_options, camera, AgentId(runner.agent), session, sensors));
-  std::unique_ptr<AgentRunner> result(new AgentRunner(runner, std::move(source), std::move(agent)));
+  std::unique_ptr<AgentRunner> result(new AgentRunner(runner, agent_options.local_adjustment,
+                                                      camera, std::move(source), std::move(agent)));
   if (runner.server != "none") result->OpenPendingSessions(uplink, outbox);
   PORTOLAN_RETURN_IF_ERROR(result->OpenUplink(uplink, outbox, session));
   return result;
 }
 
-AgentRunner::AgentRunner(const RunnerOptions& options, std::unique_ptr<ImageSource> source,
-                         std::unique_ptr<Agent> agent)
-    : options_(options), source_(std::move(source)), agent_(std::move(agent)) {
+AgentRunner::AgentRunner(const RunnerOptions& options,
+                         const LocalAdjustmentOptions& local_adjustment, const CameraModel& camera,
+                         std::unique_ptr<ImageSource> source, std::unique_ptr<Agent> agent)
+    : options_(options),
+      source_(std::move(source)),
+      agent_(std::move(agent)),
+      localizer_(local_adjustment, camera) {
   summary_.agent = options.agent;
 }
 
@@ -176,7 +181,6 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
   const auto start = std::chrono::steady_clock::now();
   FeedSensors(frame.time);
   auto result = agent_->ProcessImage(frame.time, frame.gray);
-  const double frame_ms = MillisecondsSince(start);
   if (!result.ok()) {
     LogWarning(frame.name, ": ", result.status().message());
     ++summary_.skipped_frames;
@@ -187,8 +191,11 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
   }
   const uint32_t sequence_number = result->submap_sequence_number;
   if (result->begins_submap) corrector_.OpenSubmap(sequence_number, PredecessorOf(*result));
-  recorder_.AddFrame(frame.time, *result,
-                     corrector_.Place(sequence_number, result->submap_from_camera), frame_ms);
+  const PlacedPose placed = localizer_.Localize(
+      {frame.time, sequence_number, result->begins_submap, PredecessorOf(*result),
+       result->submap_from_camera, result->tracked, result->is_keyframe, result->sights},
+      corrector_);
+  recorder_.AddFrame(frame.time, *result, placed, MillisecondsSince(start));
   if (uplink_ && result->tracked) {
     uplink_->SetLivePose(
         {frame.time, sequence_number, result->submap_from_camera, PredecessorOf(*result)});

@@ -11,6 +11,7 @@
 #include "agent/agent.h"
 #include "agent/corrections/pose_corrector.h"
 #include "agent/image_source/image_source.h"
+#include "agent/local_adjustment/live_localizer.h"
 #include "agent/run_recorder.h"
 #include "agent/uplink/uplink_session.h"
 #include "common/base/status.h"
@@ -54,7 +55,8 @@ class AgentRunner {
   const RunSummary& summary() const { return summary_; }
 
  private:
-  AgentRunner(const RunnerOptions& options, std::unique_ptr<ImageSource> source,
+  AgentRunner(const RunnerOptions& options, const LocalAdjustmentOptions& local_adjustment,
+              const CameraModel& camera, std::unique_ptr<ImageSource> source,
               std::unique_ptr<Agent> agent);
 
   Status OpenUplink(const UplinkOptions& uplink, const OutboxOptions& outbox, SessionId session);
@@ -73,6 +75,7 @@ class AgentRunner {
   std::unique_ptr<ImageSource> source_;
   std::unique_ptr<Agent> agent_;
   PoseCorrector corrector_;
+  LiveLocalizer localizer_;
   RunRecorder recorder_;
   RunSummary summary_;
   std::unique_ptr<Outbox> offline_outbox_;  // without a server

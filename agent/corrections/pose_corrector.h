@@ -35,6 +35,12 @@ struct PlacedFrame {
   PlacedPose pose;
 };
 
+// A submap that the server has placed, with its keyframes.
+struct PlacedSubmap {
+  PlacedPose origin;  // frame_from_camera unused
+  std::vector<CorrectedKeyframe> keyframes;
+};
+
 // Keeps the session's submaps (links, frames, keyframe poses) and the newest correction of each.
 // The filter never hears of corrections: they act on its output only, so it stays consistent.
 //
@@ -56,6 +62,10 @@ class PoseCorrector {
   // The pose by the newest correction of the submap or of the nearest older submap that connected
   // links lead to; without one, in the odometry frame.
   PlacedPose Place(uint32_t sequence_number, const Rigid3& submap_from_camera) const;
+
+  // The newest submap with adjusted keyframes that connected links lead to from this one, itself
+  // included.
+  std::optional<PlacedSubmap> NewestPlaced(uint32_t sequence_number) const;
 
   // All frames of the closed submaps in ascending time, each once. A submap without correction
   // is placed over connected links by its nearest older, else its nearest younger neighbour.

@@ -8,10 +8,10 @@
 #include <set>
 #include <vector>
 
+#include "common/bundle/triangulation.h"
 #include "server/alignment/map_model.h"
 #include "server/alignment/metric_frame.h"
 #include "server/refinement/bundle_adjuster.h"
-#include "server/refinement/triangulation.h"
 
 namespace portolan {
 

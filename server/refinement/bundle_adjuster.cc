@@ -6,8 +6,8 @@
 #include <cmath>
 #include <memory>
 
+#include "common/bundle/bundle_solver.h"
 #include "server/refinement/bundle_costs.h"
-#include "server/refinement/bundle_solver.h"
 
 namespace portolan {
 namespace {
@@ -155,21 +155,6 @@ void MarkInliers(const BundleOptions& options, BundleProblem* problem, BundleSum
 }
 
 }  // namespace
-
-Status BundleOptions::Validate() const {
-  if (max_iterations < 1 || rounds < 1 || num_threads < 1 || max_block_cameras < 0 ||
-      max_dense_cameras < 0) {
-    return absl::InvalidArgumentError("bundle: iterations, rounds and threads must be positive");
-  }
-  if (!(loss_scale_sigmas > 0) || !(outlier_chi2 > 0) || !(function_tolerance >= 0)) {
-    return absl::InvalidArgumentError("bundle: loss scale and outlier limit must be positive");
-  }
-  if (!(inverse_depth_prior_relative > 0) || !(inverse_depth_prior_of_median > 0) ||
-      !(max_depth_medians > 1)) {
-    return absl::InvalidArgumentError("bundle: the depth prior must be positive");
-  }
-  return absl::OkStatus();
-}
 
 BundleSummary AdjustBundle(const BundleOptions& options, const std::atomic<bool>* interrupt,
                            BundleProblem* problem) {

@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "server/refinement/bundle_problem.h"
+#include "common/bundle/bundle_problem.h"
 
 namespace portolan {
 

@@ -5,9 +5,9 @@
 #include <memory>
 
 #include "common/base/status.h"
+#include "common/bundle/triangulation.h"
 #include "server/refinement/bundle_adjuster.h"
 #include "server/refinement/refined_submap.h"
-#include "server/refinement/triangulation.h"
 
 namespace portolan {
 

@@ -1,4 +1,4 @@
-#include "server/refinement/bundle_parameters.h"
+#include "common/bundle/bundle_parameters.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "server/refinement/triangulation.h"
+#include "common/bundle/triangulation.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -130,14 +130,13 @@ class Triangulator {
   void Accumulate(const PointReference& reference, const Eigen::Vector3d& parameters,
                   Eigen::Matrix3d* information, Eigen::Vector3d* gradient) const {
     const std::array<double, 6> zero{};
-    const std::array<const double*, 2> blocks = {zero.data(), parameters.data()};
     for (const TrackSight& sight : sights_) {
       if (!(SightChi2(sight, best_) < options_.inlier_chi2)) continue;
-      const ReprojectionCost cost(&sight.camera, &reference, sight.pixel, sight.sigma_px);
+      const ReprojectionError error(&reference, sight.pixel, sight.sigma_px);
       Eigen::Vector2d residual;
       Eigen::Matrix<double, 2, 3, Eigen::RowMajor> jacobian;
-      std::array<double*, 2> jacobians = {nullptr, jacobian.data()};
-      cost.Evaluate(blocks.data(), residual.data(), jacobians.data());
+      error.Evaluate(CameraState(sight.camera, zero.data()), parameters.data(), residual.data(),
+                     nullptr, jacobian.data());
       *information += jacobian.transpose() * jacobian;
       *gradient += jacobian.transpose() * residual;
     }

@@ -1,4 +1,4 @@
-#include "server/refinement/triangulation.h"
+#include "common/bundle/triangulation.h"
 
 #include <gtest/gtest.h>
 

@@ -1,12 +1,12 @@
 // Multi-view triangulation of one track from known camera poses, robust against wrong sights.
-#ifndef PORTOLAN_SERVER_REFINEMENT_TRIANGULATION_H_
-#define PORTOLAN_SERVER_REFINEMENT_TRIANGULATION_H_
+#ifndef PORTOLAN_COMMON_BUNDLE_TRIANGULATION_H_
+#define PORTOLAN_COMMON_BUNDLE_TRIANGULATION_H_
 
 #include <optional>
 #include <vector>
 
 #include "common/base/status.h"
-#include "server/refinement/bundle_costs.h"
+#include "common/bundle/bundle_terms.h"
 
 namespace portolan {
 
@@ -45,4 +45,4 @@ std::optional<TriangulatedPoint> TriangulateTrack(const TriangulationOptions& op
 
 }  // namespace portolan
 
-#endif  // PORTOLAN_SERVER_REFINEMENT_TRIANGULATION_H_
+#endif  // PORTOLAN_COMMON_BUNDLE_TRIANGULATION_H_

@@ -1,4 +1,4 @@
-#include "server/refinement/bundle_problem.h"
+#include "common/bundle/bundle_problem.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // A bundle adjustment as plain data: cameras, points and pixels, in one frame ("world", which for
 // a refinement is the submap's frame) and one length unit.
-#ifndef PORTOLAN_SERVER_REFINEMENT_BUNDLE_PROBLEM_H_
-#define PORTOLAN_SERVER_REFINEMENT_BUNDLE_PROBLEM_H_
+#ifndef PORTOLAN_COMMON_BUNDLE_BUNDLE_PROBLEM_H_
+#define PORTOLAN_COMMON_BUNDLE_BUNDLE_PROBLEM_H_
 
 #include <optional>
 #include <vector>
@@ -68,4 +68,4 @@ double MedianDepth(const BundleProblem& problem);
 
 }  // namespace portolan
 
-#endif  // PORTOLAN_SERVER_REFINEMENT_BUNDLE_PROBLEM_H_
+#endif  // PORTOLAN_COMMON_BUNDLE_BUNDLE_PROBLEM_H_

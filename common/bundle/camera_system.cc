@@ -1,4 +1,4 @@
-#include "server/refinement/camera_system.h"
+#include "common/bundle/camera_system.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/CholmodSupport>

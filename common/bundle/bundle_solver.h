@@ -1,13 +1,13 @@
 // Levenberg-Marquardt for bundle adjustment: the points eliminated, the cameras' system dense or
 // sparse (Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment - a modern synthesis", 2000,
 // Sec. 6), everything in fixed-size blocks and without a graph to set up. The server spends most of
-// its time here.
-#ifndef PORTOLAN_SERVER_REFINEMENT_BUNDLE_SOLVER_H_
-#define PORTOLAN_SERVER_REFINEMENT_BUNDLE_SOLVER_H_
+// its time here, the agent adjusts its last keyframes with it.
+#ifndef PORTOLAN_COMMON_BUNDLE_BUNDLE_SOLVER_H_
+#define PORTOLAN_COMMON_BUNDLE_BUNDLE_SOLVER_H_
 
 #include <atomic>
 
-#include "server/refinement/bundle_parameters.h"
+#include "common/bundle/bundle_parameters.h"
 
 namespace portolan {
 
@@ -18,4 +18,4 @@ BundleSolve SolveBundle(const BundleOptions& options, const BundleProblem& probl
 
 }  // namespace portolan
 
-#endif  // PORTOLAN_SERVER_REFINEMENT_BUNDLE_SOLVER_H_
+#endif  // PORTOLAN_COMMON_BUNDLE_BUNDLE_SOLVER_H_

@@ -1,4 +1,4 @@
-#include "server/refinement/bundle_solver.h"
+#include "common/bundle/bundle_solver.h"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "server/refinement/camera_system.h"
+#include "common/bundle/camera_system.h"
 
 namespace portolan {
 namespace {
@@ -127,24 +127,32 @@ class Solver {
 
  private:
   void AddTerms() {
-    std::vector<std::vector<int>> observations_of(problem_.points.size());
+    // The observations sorted by point.
+    std::vector<size_t> begin_of(problem_.points.size() + 1, 0);
+    for (const BundleObservation& observation : problem_.observations) {
+      if (parameters_.HasSay(problem_, observation)) ++begin_of[observation.point + 1];
+    }
+    for (size_t i = 1; i < begin_of.size(); ++i) begin_of[i] += begin_of[i - 1];
+    std::vector<int> order(begin_of.back());
+    std::vector<size_t> next(begin_of.begin(), begin_of.end() - 1);
     for (size_t i = 0; i < problem_.observations.size(); ++i) {
       const BundleObservation& observation = problem_.observations[i];
       if (!parameters_.HasSay(problem_, observation)) continue;
-      observations_of[observation.point].push_back(static_cast<int>(i));
+      order[next[observation.point]++] = static_cast<int>(i);
     }
-    for (size_t point = 0; point < observations_of.size(); ++point) {
-      if (observations_of[point].empty()) continue;
+    terms_.reserve(order.size());
+    for (const int i : order) {
+      const BundleObservation& observation = problem_.observations[i];
+      terms_.push_back({observation.camera, place_of_[observation.camera],
+                        ReprojectionError(&parameters_.point_references[observation.point],
+                                          observation.pixel, observation.sigma_px)});
+    }
+    for (size_t point = 0; point < problem_.points.size(); ++point) {
+      if (begin_of[point] == begin_of[point + 1]) continue;
       PointTerms terms;
       terms.point = static_cast<int>(point);
-      terms.begin = terms_.size();
-      for (const int i : observations_of[point]) {
-        const BundleObservation& observation = problem_.observations[i];
-        terms_.push_back({observation.camera, place_of_[observation.camera],
-                          ReprojectionError(&parameters_.point_references[point], observation.pixel,
-                                            observation.sigma_px)});
-      }
-      terms.end = terms_.size();
+      terms.begin = begin_of[point];
+      terms.end = begin_of[point + 1];
       terms.is_free = parameters_.IsAdjusted(problem_, point);
       terms.rho = parameters_.points[point][2];
       terms.inverse_sigma = 1 / parameters_.InverseDepthSigma(options_, point);
@@ -164,12 +172,10 @@ class Solver {
     for (size_t i = 0; i < problem_.cameras.size(); ++i) {
       const BundleCamera& camera = problem_.cameras[i];
       if (place_of_[i] < 0 || !camera.prior) continue;
-      const PositionCost cost(&parameters_.camera_references[i], *camera.prior);
       Eigen::Vector3d residual;
       Eigen::Matrix<double, 3, 6, Eigen::RowMajor> jacobian;
-      const double* unknowns = parameters_.cameras[i].data();
-      double* jacobians = jacobian.data();
-      cost.Evaluate(&unknowns, residual.data(), &jacobians);
+      EvaluatePositionPrior(parameters_.camera_references[i], *camera.prior,
+                            parameters_.cameras[i].data(), residual.data(), jacobian.data());
       for (int row = 0; row < 3; ++row) {
         function(residual[row], place_of_[i], jacobian.row(row), -1, jacobian.row(row));
       }
@@ -178,15 +184,13 @@ class Solver {
       if (!parameters_.cameras_used[prior.camera_a] || !parameters_.cameras_used[prior.camera_b]) {
         continue;
       }
-      const DistanceCost cost(&parameters_.camera_references[prior.camera_a],
-                              &parameters_.camera_references[prior.camera_b], prior.distance,
-                              prior.sigma_log);
       double residual = 0;
       Eigen::Matrix<double, 1, 6> d_a, d_b;
-      const std::array<const double*, 2> unknowns = {parameters_.cameras[prior.camera_a].data(),
-                                                     parameters_.cameras[prior.camera_b].data()};
-      std::array<double*, 2> jacobians = {d_a.data(), d_b.data()};
-      cost.Evaluate(unknowns.data(), &residual, jacobians.data());
+      EvaluateDistancePrior(parameters_.camera_references[prior.camera_a],
+                            parameters_.camera_references[prior.camera_b], prior.distance,
+                            1.0 / prior.sigma_log, parameters_.cameras[prior.camera_a].data(),
+                            parameters_.cameras[prior.camera_b].data(), &residual, d_a.data(),
+                            d_b.data());
       function(residual, place_of_[prior.camera_a], d_a, place_of_[prior.camera_b], d_b);
     }
   }

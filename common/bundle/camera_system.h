@@ -1,7 +1,7 @@
 // Normal equations of a bundle adjustment's cameras in blocks of six: dense for few cameras, sparse
 // for many.
-#ifndef PORTOLAN_SERVER_REFINEMENT_CAMERA_SYSTEM_H_
-#define PORTOLAN_SERVER_REFINEMENT_CAMERA_SYSTEM_H_
+#ifndef PORTOLAN_COMMON_BUNDLE_CAMERA_SYSTEM_H_
+#define PORTOLAN_COMMON_BUNDLE_CAMERA_SYSTEM_H_
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -54,4 +54,4 @@ class CameraSystem {
 
 }  // namespace portolan
 
-#endif  // PORTOLAN_SERVER_REFINEMENT_CAMERA_SYSTEM_H_
+#endif  // PORTOLAN_COMMON_BUNDLE_CAMERA_SYSTEM_H_

@@ -1,13 +1,13 @@
 // A bundle adjustment's unknowns, about the cameras and points from which a solve starts, as both
 // of its solvers see them.
-#ifndef PORTOLAN_SERVER_REFINEMENT_BUNDLE_PARAMETERS_H_
-#define PORTOLAN_SERVER_REFINEMENT_BUNDLE_PARAMETERS_H_
+#ifndef PORTOLAN_COMMON_BUNDLE_BUNDLE_PARAMETERS_H_
+#define PORTOLAN_COMMON_BUNDLE_BUNDLE_PARAMETERS_H_
 
 #include <array>
 #include <vector>
 
-#include "server/refinement/bundle_adjuster.h"
-#include "server/refinement/bundle_costs.h"
+#include "common/bundle/bundle_options.h"
+#include "common/bundle/bundle_terms.h"
 
 namespace portolan {
 
@@ -47,4 +47,4 @@ struct BundleSolve {
 
 }  // namespace portolan
 
-#endif  // PORTOLAN_SERVER_REFINEMENT_BUNDLE_PARAMETERS_H_
+#endif  // PORTOLAN_COMMON_BUNDLE_BUNDLE_PARAMETERS_H_

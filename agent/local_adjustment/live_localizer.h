@@ -1,0 +1,52 @@
+// The pose that the agent tells at once: the server's newest correction, and from there on the
+// local adjustment's motion.
+#ifndef PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LIVE_LOCALIZER_H_
+#define PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LIVE_LOCALIZER_H_
+
+#include <optional>
+#include <span>
+
+#include "agent/corrections/pose_corrector.h"
+#include "agent/local_adjustment/local_adjustment.h"
+
+namespace portolan {
+
+// A frame as the filter left it.
+struct LiveFrame {
+  Timestamp time{};
+  uint32_t sequence_number = 0;
+  bool begins_submap = false;
+  // Of a connected submap that begins.
+  std::optional<Rigid3> predecessor_from_submap;
+  Rigid3 submap_from_camera;
+  bool tracked = false;
+  bool is_keyframe = false;
+  // Ascending track id.
+  std::span<const LiveSight> sights;
+};
+
+// Protocol: Localize for every frame in order of time, after the corrector was told of its submap.
+// Thread-compatible.
+class LiveLocalizer {
+ public:
+  LiveLocalizer(const LocalAdjustmentOptions& options, const CameraModel& camera)
+      : window_(options, camera) {}
+
+  // Where the frame is by all that is known now.
+  PlacedPose Localize(const LiveFrame& frame, const PoseCorrector& corrector);
+
+ private:
+  // Puts the window in the world again if the server has told something new.
+  void FollowCorrections(uint32_t sequence_number, const PoseCorrector& corrector);
+
+  LocalAdjustment window_;
+  // Of the first of the connected submaps.
+  Rigid3 odometry_from_submap_;
+  // The correction that holds the window.
+  std::optional<PlacedPose> held_;
+  uint64_t seen_version_ = 0;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LIVE_LOCALIZER_H_

@@ -1,0 +1,377 @@
+#include "agent/local_adjustment/local_adjustment.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <tuple>
+#include <utility>
+
+#include "common/base/check.h"
+#include "common/bundle/bundle_parameters.h"
+#include "common/bundle/bundle_solver.h"
+
+namespace portolan {
+namespace {
+
+// While all keyframes are free but the first, the distance of the farthest one is held so firmly.
+constexpr double kScaleGaugeSigma = 1e-3;
+// Keyframes over which units of length are compared.
+constexpr size_t kScaleKeyframes = 8;
+
+// Root mean square distance of the positions from their mean.
+template <typename Poses, typename Position>
+double Spread(const Poses& poses, size_t first, const Position& position) {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  const double count = static_cast<double>(poses.size() - first);
+  for (size_t i = first; i < poses.size(); ++i) mean += position(poses[i]) / count;
+  double sum = 0;
+  for (size_t i = first; i < poses.size(); ++i) {
+    sum += (position(poses[i]) - mean).squaredNorm() / count;
+  }
+  return std::sqrt(sum);
+}
+
+size_t FirstOfLast(size_t size, size_t count) { return size > count ? size - count : 0; }
+
+Rigid3 Scaled(const Rigid3& pose, double scale) {
+  return {pose.rotation, scale * pose.translation};
+}
+
+}  // namespace
+
+Status LocalAdjustmentOptions::Validate() const {
+  PORTOLAN_RETURN_IF_ERROR(bundle.Validate());
+  PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
+  PORTOLAN_RETURN_IF_ERROR(resection.Validate());
+  if (max_free_keyframes < 1 || max_keyframes <= max_free_keyframes ||
+      max_kept_keyframes < max_keyframes || max_free_after_correction < max_free_keyframes ||
+      max_iterations_after_correction < 1 || min_points < 4) {
+    return absl::InvalidArgumentError("local_adjustment: a limit is out of range");
+  }
+  return absl::OkStatus();
+}
+
+LocalAdjustment::LocalAdjustment(const LocalAdjustmentOptions& options, const CameraModel& camera)
+    : options_(options), camera_(camera) {}
+
+void LocalAdjustment::Start() {
+  keyframes_.clear();
+  points_.clear();
+  scale_ = 1;
+  odometry_from_camera_.reset();
+}
+
+Rigid3 LocalAdjustment::Locate(const Rigid3& odometry_from_camera,
+                               std::span<const LiveSight> sights) {
+  if (odometry_from_camera_) {
+    const Rigid3 motion = odometry_from_camera_->Inverse() * odometry_from_camera;
+    window_from_camera_ = window_from_camera_ * Scaled(motion, scale_);
+  } else {
+    window_from_camera_ = odometry_from_camera;
+  }
+  odometry_from_camera_ = odometry_from_camera;
+  sights_.assign(sights.begin(), sights.end());
+  if (static_cast<int>(points_.size()) >= options_.min_points) FitToPoints();
+  return window_from_camera_;
+}
+
+// From the sights that the filter has found consistent, then with all that fit these. The others
+// are not to be believed any more: flow that slips onto a similar texture goes on with it.
+void LocalAdjustment::FitToPoints() {
+  std::vector<PointSight> known, trusted;
+  std::vector<int> index_of;  // in known, by sight; -1 without a point
+  for (const LiveSight& sight : sights_) {
+    const WindowPoint* point = FindPoint(sight.observation.track);
+    index_of.push_back(point == nullptr ? -1 : static_cast<int>(known.size()));
+    if (point == nullptr) continue;
+    known.push_back({&point->seen_from_last, sight.observation.pixel.cast<double>(),
+                     double{sight.observation.sigma_px}});
+    if (sight.trusted) trusted.push_back(known.back());
+  }
+  auto pose = Resect(options_.resection, camera_, trusted, window_from_camera_);
+  if (!pose) pose = Resect(options_.resection, camera_, known, window_from_camera_);
+  std::vector<bool> fits(known.size(), false);
+  if (pose) {
+    std::vector<PointSight> fitting;
+    for (size_t i = 0; i < known.size(); ++i) {
+      fits[i] = SightChi2(camera_, known[i], *pose) < options_.resection.outlier_chi2;
+      if (fits[i]) fitting.push_back(known[i]);
+    }
+    pose = Resect(options_.resection, camera_, fitting, *pose);
+  }
+  if (pose) window_from_camera_ = *pose;
+  std::vector<LiveSight> believed;
+  for (size_t i = 0; i < sights_.size(); ++i) {
+    const int index = index_of[i];
+    if (index < 0 || (pose ? fits[index] : sights_[i].trusted)) believed.push_back(sights_[i]);
+  }
+  sights_ = std::move(believed);
+}
+
+const LocalAdjustment::WindowPoint* LocalAdjustment::FindPoint(TrackId track) const {
+  const auto at =
+      std::lower_bound(points_.begin(), points_.end(), track,
+                       [](const WindowPoint& point, TrackId id) { return point.track < id; });
+  return at == points_.end() || at->track != track ? nullptr : &*at;
+}
+
+void LocalAdjustment::AddKeyframe(Timestamp time) {
+  PORTOLAN_CHECK(odometry_from_camera_.has_value());
+  if (static_cast<int>(keyframes_.size()) == options_.max_kept_keyframes) {
+    keyframes_.erase(keyframes_.begin());
+  }
+  WindowKeyframe keyframe{time, *odometry_from_camera_, window_from_camera_, {}, false};
+  for (const LiveSight& sight : sights_) keyframe.sights.push_back(sight.observation);
+  keyframes_.push_back(std::move(keyframe));
+  Adjust(options_.max_free_keyframes, options_.bundle.max_iterations);
+}
+
+bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
+  std::vector<std::pair<size_t, Rigid3>> common;
+  for (const KeyframePose& held : keyframes) {
+    const auto at = std::lower_bound(
+        keyframes_.begin(), keyframes_.end(), held.time,
+        [](const WindowKeyframe& keyframe, Timestamp time) { return keyframe.time < time; });
+    if (at == keyframes_.end() || at->time != held.time) continue;
+    common.emplace_back(at - keyframes_.begin(), held.window_from_camera);
+  }
+  if (common.size() < 2) return false;
+  const size_t first = FirstOfLast(common.size(), kScaleKeyframes);
+  const double before = Spread(common, first, [this](const auto& pair) {
+    return keyframes_[pair.first].window_from_camera.translation;
+  });
+  const double after =
+      Spread(common, first, [](const auto& pair) { return pair.second.translation; });
+  const double scale = before > 0 && after > 0 ? after / before : 1;
+  const Similarity3 new_from_old =
+      Similarity3::FromRigid(common.back().second, scale) *
+      Similarity3::FromRigid(keyframes_[common.back().first].window_from_camera).Inverse();
+  for (WindowKeyframe& keyframe : keyframes_) {
+    keyframe.window_from_camera = new_from_old * keyframe.window_from_camera;
+    keyframe.held = false;
+  }
+  for (WindowPoint& point : points_) point.point_in_window = new_from_old * point.point_in_window;
+  for (const auto& [index, pose] : common) {
+    keyframes_[index].window_from_camera = pose;
+    keyframes_[index].held = true;
+  }
+  keyframes_.erase(keyframes_.begin(),
+                   keyframes_.begin() + static_cast<std::ptrdiff_t>(common.front().first));
+  scale_ *= scale;
+  window_from_camera_ = new_from_old * window_from_camera_;
+  const Rigid3 last_from_camera =
+      keyframes_.back().window_from_camera.Inverse() * window_from_camera_;
+  Adjust(options_.max_free_after_correction, options_.max_iterations_after_correction);
+  window_from_camera_ = keyframes_.back().window_from_camera * last_from_camera;
+  return true;
+}
+
+std::vector<LocalAdjustment::KeyframePose> LocalAdjustment::Keyframes() const {
+  std::vector<KeyframePose> poses;
+  for (const WindowKeyframe& keyframe : keyframes_) {
+    poses.push_back({keyframe.time, keyframe.window_from_camera});
+  }
+  return poses;
+}
+
+void LocalAdjustment::Adjust(int max_free, int max_iterations) {
+  if (keyframes_.size() < 2) return;
+  const size_t size = keyframes_.size();
+  const size_t held = static_cast<size_t>(options_.max_keyframes - options_.max_free_keyframes);
+  size_t first_free = FirstOfLast(size, static_cast<size_t>(max_free));
+  while (first_free < size && keyframes_[first_free].held) ++first_free;
+  first_free = std::max<size_t>(first_free, 1);
+  const size_t first = FirstOfLast(first_free, held);
+
+  BundleProblem problem;
+  AddCameras(static_cast<int>(first), static_cast<int>(first_free), &problem);
+  const double scene_depth = SceneDepth();
+  std::vector<TrackId> tracks;
+  const std::vector<Sight> sights =
+      CollectSights(static_cast<int>(first), static_cast<int>(first_free));
+  for (size_t begin = 0, end = 0; begin < sights.size(); begin = end) {
+    const TrackId track = sights[begin].track;
+    while (end < sights.size() && sights[end].track == track) ++end;
+    const size_t points = problem.points.size();
+    AddPoint(std::span(sights).subspan(begin, end - begin), static_cast<int>(first), scene_depth,
+             &problem);
+    if (problem.points.size() > points) tracks.push_back(track);
+  }
+  if (static_cast<int>(tracks.size()) < options_.min_points) return;
+  BundleOptions bundle = options_.bundle;
+  bundle.max_iterations = max_iterations;
+  BundleParameters parameters(problem);
+  if (first_free < size && SolveBundle(bundle, problem, nullptr, &parameters).usable) {
+    parameters.WriteTo(bundle, &problem);
+  }
+  TakeResult(problem, tracks, static_cast<int>(first));
+  MeasureScale();
+}
+
+void LocalAdjustment::AddCameras(int first, int first_free, BundleProblem* problem) const {
+  for (int i = first; i < static_cast<int>(keyframes_.size()); ++i) {
+    BundleCamera camera;
+    camera.world_from_camera = keyframes_[i].window_from_camera;
+    camera.model = &camera_;
+    camera.fixed = i < first_free;
+    problem->cameras.push_back(camera);
+  }
+  if (first_free - first > 1) return;
+  DistancePrior scale{0, 0, 0, kScaleGaugeSigma};
+  for (size_t i = 1; i < problem->cameras.size(); ++i) {
+    const double distance = (problem->cameras[i].world_from_camera.translation -
+                             problem->cameras[0].world_from_camera.translation)
+                                .norm();
+    if (distance <= scale.distance) continue;
+    scale.distance = distance;
+    scale.camera_b = static_cast<int>(i);
+  }
+  if (scale.distance > 0) problem->distances.push_back(scale);
+}
+
+// Of the tracks that a free keyframe or the last one sees, and another one as well; ascending
+// track and keyframe.
+std::vector<LocalAdjustment::Sight> LocalAdjustment::CollectSights(int first,
+                                                                   int first_free) const {
+  const int size = static_cast<int>(keyframes_.size());
+  std::vector<Sight> sights;
+  for (int i = first; i < size; ++i) {
+    for (const Observation& sight : keyframes_[i].sights)
+      sights.push_back({sight.track, i, &sight});
+  }
+  std::sort(sights.begin(), sights.end(), [](const Sight& a, const Sight& b) {
+    return std::tie(a.track, a.keyframe) < std::tie(b.track, b.keyframe);
+  });
+  const int first_wanted = std::min(first_free, size - 1);
+  size_t kept = 0;
+  for (size_t begin = 0, end = 0; begin < sights.size(); begin = end) {
+    while (end < sights.size() && sights[end].track == sights[begin].track) ++end;
+    if (end - begin < 2 || sights[end - 1].keyframe < first_wanted) continue;
+    kept = std::copy(sights.begin() + begin, sights.begin() + end, sights.begin() + kept) -
+           sights.begin();
+  }
+  sights.resize(kept);
+  return sights;
+}
+
+void LocalAdjustment::AddPoint(std::span<const Sight> sights, int first, double scene_depth,
+                               BundleProblem* problem) const {
+  const size_t begin = problem->observations.size();
+  const int index = static_cast<int>(problem->points.size());
+  for (const Sight& sight : sights) {
+    problem->observations.push_back({sight.keyframe - first, index,
+                                     sight.observation->pixel.cast<double>(),
+                                     double{sight.observation->sigma_px}, false});
+  }
+  problem->points.emplace_back();
+  int inliers = 0;
+  if (const WindowPoint* known = FindPoint(sights.front().track)) {
+    problem->points.back().point_in_world = known->point_in_window;
+    for (size_t i = begin; i < problem->observations.size(); ++i) {
+      BundleObservation& observation = problem->observations[i];
+      observation.inlier =
+          ReprojectionChi2(*problem, observation) < options_.triangulation.inlier_chi2;
+      inliers += observation.inlier ? 1 : 0;
+    }
+  }
+  if (inliers >= 2 && 2 * inliers >= static_cast<int>(sights.size())) return;
+  std::vector<TrackSight> rays;
+  for (size_t i = begin; i < problem->observations.size(); ++i) {
+    const BundleObservation& observation = problem->observations[i];
+    rays.push_back({{problem->cameras[observation.camera].world_from_camera, &camera_},
+                    observation.pixel,
+                    observation.sigma_px});
+  }
+  const auto point = TriangulateTrack(options_.triangulation, rays, std::nullopt, scene_depth);
+  if (!point) {
+    problem->points.pop_back();
+    problem->observations.resize(begin);
+    return;
+  }
+  problem->points.back().point_in_world = point->point_in_world;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    problem->observations[begin + i].inlier = point->inliers[i];
+  }
+}
+
+void LocalAdjustment::TakeResult(const BundleProblem& problem, const std::vector<TrackId>& tracks,
+                                 int first) {
+  for (size_t i = 0; i < problem.cameras.size(); ++i) {
+    if (problem.cameras[i].fixed) continue;
+    keyframes_[static_cast<size_t>(first) + i].window_from_camera =
+        problem.cameras[i].world_from_camera;
+  }
+  window_from_camera_ = keyframes_.back().window_from_camera;
+  points_.clear();
+  const double prior_sigma = options_.bundle.inverse_depth_prior_of_median / MedianDepth(problem);
+  size_t begin = 0;
+  for (size_t i = 0; i < tracks.size(); ++i) {
+    size_t end = begin;
+    while (end < problem.observations.size() &&
+           problem.observations[end].point == static_cast<int>(i)) {
+      ++end;
+    }
+    WindowPoint point;
+    point.track = tracks[i];
+    point.point_in_window = problem.points[i].point_in_world;
+    MeasureDepth(problem, begin, end, prior_sigma, &point);
+    if (point.seen_from_last.inverse_depth > 0) points_.push_back(point);
+    begin = end;
+  }
+}
+
+// How well the sights tell the point's inverse distance from the last keyframe; the keyframes'
+// errors are not counted. A point without inliers gets no inverse depth.
+void LocalAdjustment::MeasureDepth(const BundleProblem& problem, size_t first_observation,
+                                   size_t last_observation, double prior_sigma,
+                                   WindowPoint* point) const {
+  DepthPoint& depth = point->seen_from_last;
+  const Eigen::Vector3d anchor = keyframes_.back().window_from_camera.translation;
+  const Eigen::Vector3d bearing = point->point_in_window - anchor;
+  if (!(bearing.norm() > 0) || !bearing.allFinite()) return;
+  depth.reference = PointReference::At(anchor, point->point_in_window);
+  const std::array<double, 3> parameters = {0, 0, 1 / bearing.norm()};
+  constexpr std::array<double, 6> kNoPerturbation{};
+  double information = 1 / (prior_sigma * prior_sigma);
+  int inliers = 0;
+  for (size_t i = first_observation; i < last_observation; ++i) {
+    const BundleObservation& observation = problem.observations[i];
+    const CameraReference camera{problem.cameras[observation.camera].world_from_camera, &camera_};
+    Eigen::Vector2d residual;
+    Eigen::Matrix<double, 2, 3, Eigen::RowMajor> d_point;
+    ReprojectionError(&depth.reference, observation.pixel, observation.sigma_px)
+        .Evaluate(CameraState(camera, kNoPerturbation.data()), parameters.data(), residual.data(),
+                  nullptr, d_point.data());
+    if (!(residual.squaredNorm() < options_.bundle.outlier_chi2)) continue;
+    information += d_point.col(2).squaredNorm();
+    ++inliers;
+  }
+  if (inliers < 2) return;
+  depth.inverse_depth = parameters[2];
+  depth.inverse_depth_variance = 1 / information;
+}
+
+void LocalAdjustment::MeasureScale() {
+  const size_t first = FirstOfLast(keyframes_.size(), kScaleKeyframes);
+  const double odometry = Spread(keyframes_, first, [](const WindowKeyframe& keyframe) {
+    return keyframe.odometry_from_camera.translation;
+  });
+  const double window = Spread(keyframes_, first, [](const WindowKeyframe& keyframe) {
+    return keyframe.window_from_camera.translation;
+  });
+  if (odometry > 0 && window > 0) scale_ = window / odometry;
+}
+
+double LocalAdjustment::SceneDepth() const {
+  std::vector<double> inverse_depths;
+  for (const WindowPoint& point : points_) {
+    inverse_depths.push_back(point.seen_from_last.inverse_depth);
+  }
+  if (inverse_depths.empty()) return 1;
+  const auto middle =
+      inverse_depths.begin() + static_cast<std::ptrdiff_t>(inverse_depths.size() / 2);
+  std::nth_element(inverse_depths.begin(), middle, inverse_depths.end());
+  return 1 / *middle;
+}
+
+}  // namespace portolan

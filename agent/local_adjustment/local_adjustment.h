@@ -1,0 +1,128 @@
+// Bundle adjustment over the agent's last keyframes: a better motion than the filter's, whose
+// linearisation it does not share, and the link to what the server has adjusted.
+#ifndef PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LOCAL_ADJUSTMENT_H_
+#define PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LOCAL_ADJUSTMENT_H_
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "agent/local_adjustment/resection.h"
+#include "common/bundle/bundle_options.h"
+#include "common/bundle/triangulation.h"
+#include "common/camera/camera_model.h"
+#include "common/geometry/similarity3.h"
+#include "common/submap/submap.h"
+
+namespace portolan {
+
+struct LocalAdjustmentOptions {
+  // Keyframes of an adjustment, and how many of them it moves; the older ones hold pose and scale.
+  int max_keyframes = 24;
+  int max_free_keyframes = 12;
+  // Keyframes that are kept, so that the server's correction of a submap finds them: two submaps
+  // and what is taken until a correction arrives.
+  int max_kept_keyframes = 48;
+  // After a correction of the server everything since its last keyframe is adjusted once, up to so
+  // many keyframes.
+  int max_free_after_correction = 20;
+  BundleOptions bundle{.max_iterations = 4, .function_tolerance = 1e-3, .rounds = 1};
+  int max_iterations_after_correction = 8;
+  TriangulationOptions triangulation;
+  ResectionOptions resection;
+  // With fewer triangulated points an adjustment has no say.
+  int min_points = 20;
+
+  Status Validate() const;
+};
+
+// What a frame saw of a track.
+struct LiveSight {
+  Observation observation;
+  // The filter has measured it and found it consistent.
+  bool trusted = false;
+};
+
+// Poses are in the window's frame and unit: those of the odometry until Hold has put the window in
+// the world. Of the odometry only motions between successive frames count, as predictions and for
+// the unit of length at the start.
+//
+// Protocol: Start; then Locate for every tracked frame in order of time, after it AddKeyframe if
+// the frame is a keyframe; Hold in between, whenever the server has told poses of keyframes.
+// Thread-compatible, deterministic.
+class LocalAdjustment {
+ public:
+  struct KeyframePose {
+    Timestamp time{};
+    Rigid3 window_from_camera;
+  };
+
+  LocalAdjustment(const LocalAdjustmentOptions& options, const CameraModel& camera);
+
+  // Forgets everything: a new piece of odometry begins.
+  void Start();
+
+  // The pose of a frame; of the first one the odometry's. sights: ascending track id.
+  Rigid3 Locate(const Rigid3& odometry_from_camera, std::span<const LiveSight> sights);
+  // The frame that was located last is a keyframe.
+  void AddKeyframe(Timestamp time);
+
+  // Known poses of keyframes, in ascending time and another frame, which becomes the window's. They
+  // are held from now on, older keyframes forgotten, younger ones follow. False, and nothing
+  // changes, if fewer than two of them are kept.
+  bool Hold(std::span<const KeyframePose> keyframes);
+
+  // Keyframes as they are believed to be now, ascending time.
+  std::vector<KeyframePose> Keyframes() const;
+  // Window units per unit of the odometry.
+  double scale() const { return scale_; }
+  int point_count() const { return static_cast<int>(points_.size()); }
+
+ private:
+  struct WindowKeyframe {
+    Timestamp time{};
+    Rigid3 odometry_from_camera;
+    Rigid3 window_from_camera;
+    std::vector<Observation> sights;
+    bool held = false;
+  };
+  struct WindowPoint {
+    TrackId track;
+    Eigen::Vector3d point_in_window = Eigen::Vector3d::Zero();
+    DepthPoint seen_from_last;
+  };
+  struct Sight {
+    TrackId track;
+    int keyframe = 0;
+    const Observation* observation = nullptr;
+  };
+
+  void FitToPoints();
+  const WindowPoint* FindPoint(TrackId track) const;
+  void Adjust(int max_free, int max_iterations);
+  std::vector<Sight> CollectSights(int first, int first_free) const;
+  void AddCameras(int first, int first_free, BundleProblem* problem) const;
+  void AddPoint(std::span<const Sight> sights, int first, double scene_depth,
+                BundleProblem* problem) const;
+  void TakeResult(const BundleProblem& problem, const std::vector<TrackId>& tracks, int first);
+  void MeasureDepth(const BundleProblem& problem, size_t first_observation, size_t last_observation,
+                    double prior_sigma, WindowPoint* point) const;
+  void MeasureScale();
+  double SceneDepth() const;
+
+  const LocalAdjustmentOptions options_;
+  const CameraModel camera_;
+  std::vector<WindowKeyframe> keyframes_;
+  // Of the last adjustment's tracks, ascending.
+  std::vector<WindowPoint> points_;
+  double scale_ = 1;
+  // Of the frame located last.
+  std::optional<Rigid3> odometry_from_camera_;
+  Rigid3 window_from_camera_;
+  // Without those that contradict it.
+  std::vector<LiveSight> sights_;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LOCAL_ADJUSTMENT_H_

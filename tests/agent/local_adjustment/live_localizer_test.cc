@@ -1,0 +1,129 @@
+#include "agent/local_adjustment/live_localizer.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/agent/local_adjustment/moving_camera.h"
+
+namespace portolan {
+namespace {
+
+constexpr int kFramesPerSubmap = 45;
+
+// Feeds the localizer as the agent's runner does, submaps of equal length.
+class Localizing : public ::testing::Test {
+ protected:
+  LiveFrame Frame(int frame) {
+    const Rigid3 odometry = odometry_.Next(frame);
+    LiveFrame live;
+    live.time = scene_.Time(frame);
+    live.sequence_number = static_cast<uint32_t>(frame / kFramesPerSubmap);
+    live.begins_submap = frame % kFramesPerSubmap == 0;
+    if (live.begins_submap) {
+      if (frame > 0) {
+        Close(live.sequence_number - 1, odometry);
+        live.predecessor_from_submap = odometry_from_submap_.Inverse() * odometry;
+      }
+      odometry_from_submap_ = odometry;
+      corrector_.OpenSubmap(live.sequence_number, live.predecessor_from_submap);
+      keyframes_.clear();
+    }
+    live.submap_from_camera = odometry_from_submap_.Inverse() * odometry;
+    live.tracked = true;
+    live.is_keyframe = frame % kFramesPerKeyframe == 0;
+    if (live.is_keyframe) AddKeyframe(live.time, live.submap_from_camera);
+    sights_ = scene_.Sights(frame);
+    live.sights = sights_;
+    return live;
+  }
+
+  // The server's answer for a closed submap: the truth, in another frame.
+  void Correct(uint32_t sequence_number) {
+    SubmapPlacement placement;
+    placement.sequence_number = sequence_number;
+    placement.component = ComponentId(7);
+    const int first = static_cast<int>(sequence_number) * kFramesPerSubmap;
+    placement.world_from_submap =
+        world_from_truth_ * Similarity3::FromRigid(MovingCamera::WorldFromCamera(first));
+    for (int k = first; k <= first + kFramesPerSubmap; k += kFramesPerKeyframe) {
+      placement.adjusted_submap_from_camera.push_back(
+          MovingCamera::WorldFromCamera(first).Inverse() * MovingCamera::WorldFromCamera(k));
+    }
+    ASSERT_TRUE(corrector_.Apply({sequence_number + 1, {placement}, false}).ok());
+  }
+
+  double WorldError(const PlacedPose& placed, int frame) const {
+    const Rigid3 truth = world_from_truth_ * MovingCamera::WorldFromCamera(frame);
+    return (placed.frame_from_camera.translation - truth.translation).norm();
+  }
+
+  MovingCamera scene_;
+  DriftingOdometry odometry_{0.01};
+  const Similarity3 world_from_truth_{
+      0.8, Eigen::Quaterniond(RotationExp({1, 0.5, -0.2})), {-1, 2, 4}};
+  PoseCorrector corrector_;
+  LiveLocalizer localizer_{{}, scene_.camera()};
+
+ private:
+  void AddKeyframe(Timestamp time, const Rigid3& submap_from_camera) {
+    Keyframe keyframe;
+    keyframe.time = time;
+    keyframe.submap_from_camera = submap_from_camera;
+    keyframes_.push_back(keyframe);
+  }
+  void Close(uint32_t sequence_number, const Rigid3& odometry) {
+    Submap submap;
+    submap.key.sequence_number = sequence_number;
+    submap.link = sequence_number == 0 ? LinkType::kNone : LinkType::kConnected;
+    submap.keyframes = keyframes_;
+    const int last = static_cast<int>(sequence_number + 1) * kFramesPerSubmap;
+    Keyframe keyframe;
+    keyframe.time = scene_.Time(last);
+    keyframe.submap_from_camera = odometry_from_submap_.Inverse() * odometry;
+    submap.keyframes.push_back(keyframe);
+    corrector_.CloseSubmap(submap);
+  }
+
+  Rigid3 odometry_from_submap_;
+  std::vector<Keyframe> keyframes_;
+  std::vector<LiveSight> sights_;
+};
+
+TEST_F(Localizing, WithoutCorrectionsTheFrameIsThatOfTheOldestSubmap) {
+  for (int frame = 0; frame < 120; ++frame) {
+    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    EXPECT_FALSE(placed.in_world);
+    EXPECT_EQ(placed.frame_submap, 0u);
+  }
+}
+
+TEST_F(Localizing, GoesOnFromTheCorrectionAcrossBorders) {
+  double plain_error = 0;
+  for (int frame = 0; frame < 190; ++frame) {
+    const LiveFrame live = Frame(frame);
+    const PlacedPose placed = localizer_.Localize(live, corrector_);
+    // The answer to submap 0 comes while submap 1 is open, that to submap 1 long after it.
+    if (frame == 60) Correct(0);
+    if (frame == 120) Correct(1);
+    if (frame <= 60) continue;
+    ASSERT_TRUE(placed.in_world);
+    EXPECT_EQ(placed.component, ComponentId(7));
+    EXPECT_EQ(placed.map_version, frame <= 120 ? 1u : 2u);
+    EXPECT_LT(WorldError(placed, frame), 0.01) << frame;
+    plain_error =
+        WorldError(corrector_.Place(live.sequence_number, live.submap_from_camera), frame);
+  }
+  // By the filter's motion alone, from the same correction.
+  EXPECT_GT(plain_error, 0.5);
+}
+
+TEST_F(Localizing, UntrackedFramesKeepTheFiltersPrediction) {
+  for (int frame = 0; frame < 30; ++frame) localizer_.Localize(Frame(frame), corrector_);
+  LiveFrame live = Frame(30);
+  live.tracked = false;
+  live.submap_from_camera.translation.x() += 0.5;
+  const PlacedPose placed = localizer_.Localize(live, corrector_);
+  EXPECT_EQ(placed.frame_from_camera.translation, live.submap_from_camera.translation);
+}
+
+}  // namespace
+}  // namespace portolan

@@ -1,0 +1,153 @@
+#include "agent/local_adjustment/local_adjustment.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/agent/local_adjustment/moving_camera.h"
+
+namespace portolan {
+namespace {
+
+// Feeds frames 0 to last; returns where they were said to be.
+std::vector<Rigid3> Drive(const MovingCamera& scene, int last, DriftingOdometry odometry,
+                          LocalAdjustment* window, const auto& sights_of) {
+  std::vector<Rigid3> poses;
+  for (int frame = 0; frame <= last; ++frame) {
+    poses.push_back(window->Locate(odometry.Next(frame), sights_of(frame)));
+    if (frame % kFramesPerKeyframe == 0) window->AddKeyframe(scene.Time(frame));
+  }
+  return poses;
+}
+
+std::vector<Rigid3> Drive(const MovingCamera& scene, int last, DriftingOdometry odometry,
+                          LocalAdjustment* window) {
+  return Drive(scene, last, odometry, window, [&](int frame) { return scene.Sights(frame); });
+}
+
+double Error(const Rigid3& pose, int frame) {
+  return (pose.translation - MovingCamera::WorldFromCamera(frame).translation).norm();
+}
+
+TEST(LocalAdjustment, ExactPixelsMakeUpForDriftingOdometry) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  const std::vector<Rigid3> poses = Drive(scene, 240, DriftingOdometry(0.01), &window);
+  // The unit of length is that of the odometry's first keyframes, which have drifted a little.
+  const double unit =
+      window.Keyframes().size() > 1
+          ? poses[240].translation.norm() / MovingCamera::WorldFromCamera(240).translation.norm()
+          : 0;
+  EXPECT_GT(unit, 0.85);
+  for (const int frame : {60, 120, 180, 240}) {
+    Rigid3 pose = poses[static_cast<size_t>(frame)];
+    pose.translation /= unit;
+    EXPECT_LT(Error(pose, frame), 0.02) << frame;
+  }
+  // The odometry alone is where half of the way is missing.
+  DriftingOdometry odometry(0.01);
+  Rigid3 alone;
+  for (int frame = 0; frame <= 240; ++frame) alone = odometry.Next(frame);
+  EXPECT_GT(Error(alone, 240), 2.0);
+  EXPECT_GT(window.scale(), 5.0);
+}
+
+TEST(LocalAdjustment, HeldKeyframesPutTheWindowInTheirFrame) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  DriftingOdometry odometry(0.01);
+  const Similarity3 other_from_world{
+      2.5, Eigen::Quaterniond(RotationExp({0.3, -1, 2})), {5, 1, -3}};
+  for (int frame = 0; frame <= 150; ++frame) {
+    const Rigid3 pose = window.Locate(odometry.Next(frame), scene.Sights(frame));
+    if (frame % kFramesPerKeyframe == 0) window.AddKeyframe(scene.Time(frame));
+    if (frame == 100) {
+      std::vector<LocalAdjustment::KeyframePose> held;
+      for (int k = 45; k <= 90; k += kFramesPerKeyframe) {
+        held.push_back({scene.Time(k), other_from_world * MovingCamera::WorldFromCamera(k)});
+      }
+      ASSERT_TRUE(window.Hold(held));
+      EXPECT_EQ(window.Keyframes().front().time, scene.Time(45));
+    }
+    if (frame > 100) {
+      const Rigid3 truth = other_from_world * MovingCamera::WorldFromCamera(frame);
+      EXPECT_LT((pose.translation - truth.translation).norm(), 0.01) << frame;
+      EXPECT_LT(pose.rotation.angularDistance(truth.rotation), 1e-3) << frame;
+    }
+  }
+}
+
+TEST(LocalAdjustment, UnknownKeyframesChangeNothing) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  Drive(scene, 30, DriftingOdometry(0), &window);
+  const std::vector<LocalAdjustment::KeyframePose> before = window.Keyframes();
+  EXPECT_FALSE(window.Hold(std::vector<LocalAdjustment::KeyframePose>{
+      {scene.Time(1), Rigid3::Identity()}, {scene.Time(3), Rigid3::Identity()}}));
+  const std::vector<LocalAdjustment::KeyframePose> after = window.Keyframes();
+  ASSERT_EQ(after.size(), before.size());
+  EXPECT_EQ(after.back().window_from_camera.translation,
+            before.back().window_from_camera.translation);
+}
+
+// Optical flow on a repeated texture: most of the tracks slip together, only the filter notices.
+TEST(LocalAdjustment, FollowsWhatTheFilterTrusts) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  const auto slipping = [&](int frame) {
+    std::vector<LiveSight> sights = scene.Sights(frame);
+    if (frame < 100) return sights;
+    for (LiveSight& sight : sights) {
+      if (!sight.trusted) sight.observation.pixel.x() += 25;
+    }
+    return sights;
+  };
+  const std::vector<Rigid3> poses = Drive(scene, 150, DriftingOdometry(0), &window, slipping);
+  for (const int frame : {99, 100, 110, 130, 150}) {
+    EXPECT_LT(Error(poses[static_cast<size_t>(frame)], frame), 0.03) << frame;
+  }
+}
+
+TEST(LocalAdjustment, WithoutSightsTheOdometryCounts) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  const std::vector<Rigid3> poses = Drive(scene, 90, DriftingOdometry(0), &window, [&](int frame) {
+    return frame < 60 ? scene.Sights(frame) : std::vector<LiveSight>();
+  });
+  EXPECT_LT(Error(poses[90], 90), 0.03);
+}
+
+TEST(LocalAdjustment, StartForgets) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  const std::vector<Rigid3> first = Drive(scene, 45, DriftingOdometry(0.01), &window);
+  window.Start();
+  EXPECT_EQ(window.point_count(), 0);
+  const std::vector<Rigid3> second = Drive(scene, 45, DriftingOdometry(0.01), &window);
+  EXPECT_EQ(first.back().translation, second.back().translation);
+}
+
+TEST(LocalAdjustment, KeepsABoundedNumberOfKeyframes) {
+  const MovingCamera scene;
+  LocalAdjustmentOptions options;
+  options.max_kept_keyframes = 25;
+  LocalAdjustment window(options, scene.camera());
+  Drive(scene, 120, DriftingOdometry(0), &window);
+  EXPECT_EQ(window.Keyframes().size(), 25u);
+  EXPECT_EQ(window.Keyframes().back().time, scene.Time(120));
+}
+
+TEST(LocalAdjustmentOptions, RefusesWhatMakesNoSense) {
+  const auto is_valid = [](int LocalAdjustmentOptions::*member, int value) {
+    LocalAdjustmentOptions options;
+    options.*member = value;
+    return options.Validate().ok();
+  };
+  EXPECT_TRUE(LocalAdjustmentOptions().Validate().ok());
+  EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::max_keyframes, 5));
+  EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::max_free_keyframes, 0));
+  EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::max_kept_keyframes, 10));
+  EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::max_free_after_correction, 2));
+  EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::min_points, 0));
+}
+
+}  // namespace
+}  // namespace portolan

@@ -1,0 +1,57 @@
+#include "tests/agent/local_adjustment/moving_camera.h"
+
+#include <cmath>
+#include <random>
+
+namespace portolan {
+namespace {
+
+CameraModel MakeCamera() {
+  CameraIntrinsics intrinsics;
+  intrinsics.width_px = 640;
+  intrinsics.height_px = 480;
+  intrinsics.fx_px = intrinsics.fy_px = 500;
+  intrinsics.cx_px = 320;
+  intrinsics.cy_px = 240;
+  return CameraModel::Create(intrinsics).value();
+}
+
+}  // namespace
+
+MovingCamera::MovingCamera() : camera_(MakeCamera()) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> x(-4, 16), y(-2.5, 2.5), z(3, 6);
+  for (int i = 0; i < 700; ++i) {
+    const double along = x(random), up = y(random), away = z(random);
+    points_.emplace_back(along, up, away);
+  }
+}
+
+Rigid3 MovingCamera::WorldFromCamera(int frame) {
+  const double s = 0.03 * frame;
+  return {RotationExp({0.1 * std::sin(0.7 * s), 0.15 * std::sin(s), 0.05 * s}),
+          {s, 0.2 * std::sin(2 * s), 0.3 * std::sin(1.3 * s)}};
+}
+
+std::vector<LiveSight> MovingCamera::Sights(int frame) const {
+  const Rigid3 camera_from_world = WorldFromCamera(frame).Inverse();
+  std::vector<LiveSight> sights;
+  for (size_t i = 0; i < points_.size(); ++i) {
+    const auto pixel = camera_.Project(camera_from_world * points_[i]);
+    if (!pixel || !camera_.IsInImage(*pixel)) continue;
+    sights.push_back({{TrackId(static_cast<uint32_t>(i)), pixel->cast<float>(), 0.5f}, i % 4 == 0});
+  }
+  return sights;
+}
+
+Rigid3 DriftingOdometry::Next(int frame) {
+  if (frame == 0) return odometry_from_camera_;
+  Rigid3 motion =
+      MovingCamera::WorldFromCamera(frame - 1).Inverse() * MovingCamera::WorldFromCamera(frame);
+  motion.translation *= scale_;
+  scale_ *= 1 - drift_;
+  odometry_from_camera_ = odometry_from_camera_ * motion;
+  return odometry_from_camera_;
+}
+
+}  // namespace portolan
