@@ -178,14 +178,15 @@ void AddOdometry(OdometryOptions* options, OptionSection section) {
 }
 
 void AddLocalAdjustment(LocalAdjustmentOptions* options, OptionSection section) {
-  section.Add("max_keyframes", &options->max_keyframes, "keyframes",
-              "keyframes of an adjustment");
+  section.Add("max_keyframes", &options->max_keyframes, "keyframes", "keyframes of an adjustment");
   section.Add("max_free_keyframes", &options->max_free_keyframes, "keyframes",
               "how many of them it moves; the older ones hold pose and scale");
   section.Add("max_iterations", &options->bundle.max_iterations, "",
               "Levenberg-Marquardt steps a keyframe");
-  section.Add("loss_scale_sigmas", &options->bundle.loss_scale_sigmas, "",
-              "errors beyond this many sigmas weigh less");
+  section.Add("max_start_iterations", &options->max_start_iterations, "",
+              "the same at the start and after a correction of the server");
+  section.Add("loss_scale_sigmas", &options->bundle.loss_scale_sigmas, "sigmas",
+              "errors beyond this many weigh less");
 }
 
 }  // namespace

@@ -45,7 +45,7 @@ Status LocalAdjustmentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(resection.Validate());
   if (max_free_keyframes < 1 || max_keyframes <= max_free_keyframes ||
       max_kept_keyframes < max_keyframes || max_free_after_correction < max_free_keyframes ||
-      max_iterations_after_correction < 1 || min_points < 4) {
+      max_start_iterations < 1 || min_points < 4) {
     return absl::InvalidArgumentError("local_adjustment: a limit is out of range");
   }
   return absl::OkStatus();
@@ -123,7 +123,10 @@ void LocalAdjustment::AddKeyframe(Timestamp time) {
   WindowKeyframe keyframe{time, *odometry_from_camera_, window_from_camera_, {}, false};
   for (const LiveSight& sight : sights_) keyframe.sights.push_back(sight.observation);
   keyframes_.push_back(std::move(keyframe));
-  Adjust(options_.max_free_keyframes, options_.bundle.max_iterations);
+  // A start is far from converged.
+  const bool is_start = static_cast<int>(keyframes_.size()) <= options_.max_keyframes;
+  Adjust(options_.max_free_keyframes,
+         is_start ? options_.max_start_iterations : options_.bundle.max_iterations);
 }
 
 bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
@@ -161,7 +164,7 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
   window_from_camera_ = new_from_old * window_from_camera_;
   const Rigid3 last_from_camera =
       keyframes_.back().window_from_camera.Inverse() * window_from_camera_;
-  Adjust(options_.max_free_after_correction, options_.max_iterations_after_correction);
+  Adjust(options_.max_free_after_correction, options_.max_start_iterations);
   window_from_camera_ = keyframes_.back().window_from_camera * last_from_camera;
   return true;
 }

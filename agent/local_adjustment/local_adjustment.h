@@ -27,7 +27,9 @@ struct LocalAdjustmentOptions {
   // many keyframes.
   int max_free_after_correction = 20;
   BundleOptions bundle{.max_iterations = 4, .function_tolerance = 1e-3, .rounds = 1};
-  int max_iterations_after_correction = 8;
+  // Iterations after a correction, and until the first max_keyframes are there: these starts are
+  // farther from the solution.
+  int max_start_iterations = 10;
   TriangulationOptions triangulation;
   ResectionOptions resection;
   // With fewer triangulated points an adjustment has no say.

@@ -146,6 +146,7 @@ TEST(LocalAdjustmentOptions, RefusesWhatMakesNoSense) {
   EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::max_free_keyframes, 0));
   EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::max_kept_keyframes, 10));
   EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::max_free_after_correction, 2));
+  EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::max_start_iterations, 0));
   EXPECT_FALSE(is_valid(&LocalAdjustmentOptions::min_points, 0));
 }
 
