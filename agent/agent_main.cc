@@ -45,6 +45,11 @@ void AddRunnerOptions(RunnerOptions* options, OptionTable* table) {
              "wait at the end if no server was ever reached");
   table->Add("session", &options->session, "",
              "id of this run; 0 draws one, a fixed one makes the uploaded bytes repeatable");
+  table->Add("uplink_bytes_per_second", &options->budget.bytes_per_second, "bytes/s",
+             "submaps' bytes per second of the sensors' time; points that do not fit are not "
+             "described; 0 for no limit");
+  table->Add("uplink_burst_bytes", &options->budget.burst_bytes, "bytes",
+             "what submaps may take beyond that after a quiet time");
   table->Add("progress", &options->progress, "", "a line of progress on a terminal");
 }
 

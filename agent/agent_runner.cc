@@ -58,7 +58,7 @@ Status RunnerOptions::Validate() const {
   if (!(unreachable_timeout_s >= 0)) {
     return absl::InvalidArgumentError("unreachable_timeout_s must not be negative");
   }
-  return absl::OkStatus();
+  return budget.Validate();
 }
 
 StatusOr<std::unique_ptr<AgentRunner>> AgentRunner::Create(const RunnerOptions& runner,
@@ -86,7 +86,8 @@ AgentRunner::AgentRunner(const RunnerOptions& options,
     : options_(options),
       source_(std::move(source)),
       agent_(std::move(agent)),
-      localizer_(local_adjustment, camera) {
+      localizer_(local_adjustment, camera),
+      budget_(options.budget) {
   summary_.agent = options.agent;
 }
 
@@ -207,6 +208,10 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
 
 Status AgentRunner::TakeSubmap(Submap submap) {
   ++summary_.submaps;
+  if (const int left_out = budget_.Fit(&submap); left_out > 0) {
+    LogDebug("submap ", submap.key.sequence_number, ": ", left_out,
+             " described points left out to keep within the uplink's budget");
+  }
   corrector_.CloseSubmap(submap);
   if (uplink_) return uplink_->Submit(submap);
   PORTOLAN_ASSIGN_OR_RETURN(const std::string bytes, EncodeSubmap(submap));

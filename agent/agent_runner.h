@@ -13,6 +13,7 @@
 #include "agent/image_source/image_source.h"
 #include "agent/local_adjustment/live_localizer.h"
 #include "agent/run_recorder.h"
+#include "agent/submap/submap_budget.h"
 #include "agent/uplink/uplink_session.h"
 #include "common/base/status.h"
 
@@ -33,6 +34,8 @@ struct RunnerOptions {
   double unreachable_timeout_s = 5;
   // 0: drawn at random. A fixed one makes the uploaded bytes repeatable.
   uint64_t session = 0;
+  // Of the submaps' bytes.
+  SubmapBudgetOptions budget;
   // A line of progress on the terminal.
   bool progress = true;
 
@@ -76,6 +79,7 @@ class AgentRunner {
   std::unique_ptr<Agent> agent_;
   PoseCorrector corrector_;
   LiveLocalizer localizer_;
+  SubmapBudget budget_;
   RunRecorder recorder_;
   RunSummary summary_;
   std::unique_ptr<Outbox> offline_outbox_;  // without a server

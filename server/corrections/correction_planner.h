@@ -25,9 +25,9 @@ struct CorrectionOptions {
   double scale_share = 1e-3;
   // Long-term downlink of one agent, bytes per second. The target is 2 kB/s with the newest
   // submaps, which do not wait, acknowledgements and gRPC's framing.
-  double bytes_per_second = 1200;
-  // What may be sent at once after a silence, bytes: some 10 submaps.
-  double burst_bytes = 3000;
+  double bytes_per_second = 1500;
+  // What may be sent at once after a silence, bytes: some 18 submaps.
+  double burst_bytes = 6000;
 
   Status Validate() const;
 };

@@ -11,7 +11,7 @@
 # what the agents knew live in a second run in real time, and its coverage (instants at which an
 # agent had no place in the common map yet do not count); the ATE without the server: every agent's
 # uncorrected odometry, each aligned alone (they have no common frame, so this flatters it);
-# connected parts of the map; kB/s up and down an agent; CPU ms a frame of the agent's process.
+# connected parts of the map; kB/s up and down an agent in the run in real time; CPU ms a frame of the agent's process.
 # Rows with an IMU are aligned without scale, SE(3); their last column is the map's scale error.
 set -euo pipefail
 
@@ -115,6 +115,7 @@ while IFS='|' read -r name sequence truth ranges alignment flags; do
   live=()
   odometry=()
   summaries=()
+  live_summaries=()
   truths=("$data/$sequence/$truth")
   if [ "$sequence" = rendered ]; then truths=(); fi
   i=0
@@ -129,6 +130,7 @@ while IFS='|' read -r name sequence truth ranges alignment flags; do
     live+=("$folder.live/agents/agent$i/live.tum")
     odometry+=("$folder/agents/agent$i/odometry.tum")
     summaries+=("$folder/agents/agent$i/summary.json")
+    live_summaries+=("$folder.live/agents/agent$i/summary.json")
     i=$((i + 1))
   done
   if ! { PORTOLAN_LOCKSTEP=1 deploy/mission.sh "$folder" "${specs[@]}" -- "${extra[@]}" &&
@@ -143,7 +145,7 @@ while IFS='|' read -r name sequence truth ranges alignment flags; do
   parts="$(awk '/^components/ {print $2}' "$folder/info.txt")"
   if [ "$alignment" = sim3 ]; then scale=-; fi
   printf '%-20s %6s %8s %10s %9s %8s %10s %5s %8s %8s %7s %7s\n' "$name" "$frames" "${coverage:--}" \
-    "$final_mm" "$live_mm" "${live_coverage:--}" "$alone_mm" "$parts" "$(mean_of sent_kb_per_s "${summaries[@]}")" \
-    "$(mean_of received_kb_per_s "${summaries[@]}")" \
+    "$final_mm" "$live_mm" "${live_coverage:--}" "$alone_mm" "$parts" "$(mean_of sent_kb_per_s "${live_summaries[@]}")" \
+    "$(mean_of received_kb_per_s "${live_summaries[@]}")" \
     "$(mean_of cpu_ms_per_frame "${summaries[@]}")" "${scale:--}"
 done <<< "$sequences"
