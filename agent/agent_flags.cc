@@ -41,6 +41,11 @@ void AddFilter(FilterOptions* options, OptionSection section) {
               "", "the same relative to landmarks of known depth");
   section.Add("linearity_threshold", &options->linearity_threshold, "",
               "linearity index below which a landmark becomes Euclidean");
+  section.AddChoice(
+      "covariance_update", &options->covariance_update,
+      {{"full", CovarianceUpdate::kFull}, {"compressed", CovarianceUpdate::kCompressed}},
+      "whether the covariances of landmarks out of view are updated in every frame "
+      "or when they are needed");
   section.AddChoice("inlier_selection", &options->inlier_selection,
                     {{"one_point_ransac", InlierSelection::kOnePointRansac},
                      {"joint_compatibility", InlierSelection::kJointCompatibility},

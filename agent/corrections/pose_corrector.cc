@@ -137,14 +137,14 @@ PlacedPose PoseCorrector::Place(uint32_t sequence_number, const Rigid3& submap_f
   return pose;
 }
 
-std::optional<PlacedSubmap> PoseCorrector::NewestPlaced(uint32_t sequence_number) const {
+std::optional<CorrectedSubmap> PoseCorrector::NewestPlaced(uint32_t sequence_number) const {
   std::unique_lock lock(mutex_);
   for (uint32_t current = sequence_number;; --current) {
     const auto at = submaps_.find(current);
     if (at == submaps_.end()) return std::nullopt;
     const SubmapRecord& record = at->second;
     if (record.placement && !record.correction.keyframes.empty()) {
-      return PlacedSubmap{WorldFrame(record).origin, record.correction.keyframes};
+      return CorrectedSubmap{WorldFrame(record).origin, record.correction.keyframes};
     }
     if (!record.predecessor_from_submap || current == 0) return std::nullopt;
   }

@@ -36,7 +36,7 @@ struct PlacedFrame {
 };
 
 // A submap that the server has placed, with its keyframes.
-struct PlacedSubmap {
+struct CorrectedSubmap {
   PlacedPose origin;  // frame_from_camera unused
   std::vector<CorrectedKeyframe> keyframes;
 };
@@ -65,7 +65,7 @@ class PoseCorrector {
 
   // The newest submap with adjusted keyframes that connected links lead to from this one, itself
   // included.
-  std::optional<PlacedSubmap> NewestPlaced(uint32_t sequence_number) const;
+  std::optional<CorrectedSubmap> NewestPlaced(uint32_t sequence_number) const;
 
   // All frames of the closed submaps in ascending time, each once. A submap without correction
   // is placed over connected links by its nearest older, else its nearest younger neighbour.

@@ -16,6 +16,12 @@ enum class InlierSelection {
   kJointCompatibility,  // JCBB: Neira & Tardos, T-RA 2001
 };
 
+// When the covariances of landmarks out of view are updated.
+enum class CovarianceUpdate {
+  kFull,        // in every frame
+  kCompressed,  // when they are needed: Guivant & Nebot, T-RA 2001. Equal but for rounding.
+};
+
 // Lengths are submap units; with a monocular camera one unit is about the distance of the first
 // landmarks.
 struct FilterOptions {
@@ -41,6 +47,9 @@ struct FilterOptions {
   // A landmark whose inverse depth is negative by more than this many sigmas is dropped; less is
   // taken for a point at infinity.
   double negative_depth_sigmas = 3.0;
+
+  // With at most 60 landmarks, 50 of them in view, there is little to put off.
+  CovarianceUpdate covariance_update = CovarianceUpdate::kFull;
 
   InlierSelection inlier_selection = InlierSelection::kOnePointRansac;
   // Only matches inside this chi-square(2) region of their prediction (99.99 %; the search of the

@@ -25,6 +25,7 @@ void FilterState::Start(Timestamp time, double scene_depth) {
   landmarks_.clear();
   anchors_.clear();
   owners_.clear();
+  passive_blocks_ = 0;
   motion_->Start(time, scene_depth, &transition_);
   noise_.setZero(motion_dim_, motion_dim_);
   covariance() = transition_;
@@ -32,7 +33,7 @@ void FilterState::Start(Timestamp time, double scene_depth) {
 
 bool FilterState::Predict(Timestamp time, double scene_depth) {
   if (!motion_->Predict(time, scene_depth, &transition_, &noise_)) return false;
-  const int rest = dim() - motion_dim_;
+  const int rest = active_dim() - motion_dim_;
   auto motion_block = covariance_.topLeftCorner(motion_dim_, motion_dim_);
   const MotionModel::MotionMatrix propagated =
       transition_ * motion_block * transition_.transpose() + noise_;
@@ -42,6 +43,10 @@ bool FilterState::Predict(Timestamp time, double scene_depth) {
   scratch.noalias() = cross * transition_.transpose();
   cross = scratch;
   covariance_.block(0, motion_dim_, motion_dim_, rest) = scratch.transpose();
+  if (passive_blocks_ > 0) {
+    auto rows = factor_.topLeftCorner(motion_dim_, active_dim());
+    rows = (transition_ * rows).eval();
+  }
   return true;
 }
 
@@ -51,7 +56,9 @@ void FilterState::InflateLastNoise(double factor) {
 
 void FilterState::Correct(const Eigen::Ref<const Eigen::VectorXd>& error) {
   motion_->Correct(error.head(motion_dim_));
-  for (Landmark& landmark : landmarks_) landmark.Correct(error.segment<3>(Offset(landmark)));
+  for (Landmark& landmark : landmarks_) {
+    if (!IsPassive(landmark)) landmark.Correct(error.segment<3>(Offset(landmark)));
+  }
   for (Anchor& anchor : anchors_) {
     if (anchor.users > 0 && anchor.block != kFixed) {
       anchor.position_in_submap += error.segment<3>(BlockOffset(anchor.block));
@@ -78,7 +85,12 @@ int FilterState::AnchorOffset(const Landmark& landmark) const {
 
 Eigen::Matrix3d FilterState::PointCovariance(const Landmark& landmark) const {
   const int offset = Offset(landmark);
-  const Eigen::Matrix3d own = covariance_.block<3, 3>(offset, offset);
+  Eigen::Matrix3d own = covariance_.block<3, 3>(offset, offset);
+  if (IsPassive(landmark)) {
+    const int n = active_dim();
+    const auto cross = covariance_.block(0, offset, n, 3);
+    own -= cross.transpose() * reduction_.topLeftCorner(n, n) * cross;
+  }
   if (landmark.euclidean) return own;
   Eigen::Matrix3d d_point_d_ray;
   PointOfRay(landmark, AnchorPosition(landmark), &d_point_d_ray);
@@ -120,6 +132,7 @@ bool FilterState::PoseIsExact() const {
 }
 
 int FilterState::AddAnchor() {
+  Expand();
   int index = 0;
   while (index < static_cast<int>(anchors_.size()) && anchors_[index].users > 0) ++index;
   if (index == static_cast<int>(anchors_.size())) anchors_.emplace_back();
@@ -138,6 +151,7 @@ int FilterState::AddAnchor() {
 
 void FilterState::AddRay(const NewRay& ray, int anchor, double pixel_variance,
                          double inverse_depth_variance, const Eigen::RowVectorXd& d_depth_d_state) {
+  Expand();
   const int n = dim();
   Landmark landmark = ray.landmark;
   landmark.anchor = anchor;
@@ -165,11 +179,13 @@ void FilterState::AddRay(const NewRay& ray, int anchor, double pixel_variance,
 
 void FilterState::ReleaseUnusedAnchor(int anchor) {
   if (anchors_[anchor].users > 0) return;
+  Expand();
   if (anchors_[anchor].block != kFixed) RemoveBlock(anchors_[anchor].block);
   anchors_[anchor].block = kFixed;
 }
 
 void FilterState::RemoveLandmark(int index) {
+  Expand();
   const int anchor = landmarks_[index].anchor;
   RemoveBlock(landmarks_[index].block);
   const int last = static_cast<int>(landmarks_.size()) - 1;
@@ -185,6 +201,7 @@ void FilterState::RemoveLandmark(int index) {
 }
 
 void FilterState::ConvertToEuclidean(int index) {
+  Expand();
   Landmark& landmark = landmarks_[index];
   const int offset = Offset(landmark), n = dim();
   const int anchor_offset = AnchorOffset(landmark);
@@ -209,6 +226,7 @@ void FilterState::ConvertToEuclidean(int index) {
 }
 
 Rigid3 FilterState::Rebase() {
+  Expand();
   // New error = J * old error with three column groups a landmark; first T = J P by rows, then
   // P' = T J' by columns, in the scratch matrix.
   const Rigid3 submap_from_camera = motion_->submap_from_camera();
@@ -272,6 +290,7 @@ Rigid3 FilterState::Rebase() {
 }
 
 void FilterState::FixScale(const Eigen::RowVectorXd& d_log) {
+  Expand();
   // By the logarithm of all inverse lengths.
   Eigen::VectorXd direction = Eigen::VectorXd::Zero(dim());
   if (!motion_->FillScaleDirection(direction.head(motion_dim_))) return;
@@ -298,6 +317,7 @@ void FilterState::FixScale(const Eigen::RowVectorXd& d_log) {
 }
 
 void FilterState::ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change) {
+  Expand();
   const int old_dim = motion_dim_, new_dim = motion->error_dim(), rest = dim() - old_dim;
   // Of the landmarks' and anchors' errors: factor, and derivative by the log scale.
   Eigen::VectorXd factor = Eigen::VectorXd::Constant(rest, change.scale);
@@ -337,12 +357,13 @@ void FilterState::ResetMotion(std::unique_ptr<MotionModel> motion) {
   landmarks_.clear();
   anchors_.clear();
   owners_.clear();
+  passive_blocks_ = 0;
   motion_ = std::move(motion);
   motion_dim_ = motion_->error_dim();
 }
 
 bool FilterState::IsCovarianceValid() const {
-  const Eigen::MatrixXd p = covariance();
+  const Eigen::MatrixXd p = ExpandedCovariance();
   if (!p.allFinite()) return false;
   const double scale = p.cwiseAbs().maxCoeff();
   if ((p - p.transpose()).cwiseAbs().maxCoeff() > 1e-12 * scale) return false;

@@ -24,6 +24,12 @@ struct Anchor {
 // whose position is uncertain, in no particular order: a removed block is replaced by the last
 // one. The covariance is stored whole and symmetric in a matrix of the largest size, allocated
 // once. Thread-compatible.
+//
+// Landmarks may be made passive: updates then leave their rows of the covariance as they are and
+// remember what they would have done, until Expand (Guivant & Nebot, "Optimization of the
+// Simultaneous Localization and Map-Building Algorithm for Real-Time Implementation", T-RA 2001;
+// README.md). All methods that need the passive rows expand by themselves. What reads covariance()
+// directly sees passive rows as they were.
 class FilterState {
  public:
   static constexpr int kFixed = -1;
@@ -62,6 +68,25 @@ class FilterState {
   // Another motion model with nothing carried over; to be followed by Start.
   void ResetMotion(std::unique_ptr<MotionModel> motion);
 
+  // Makes these landmarks (by index, Euclidean ones only) passive and all others active.
+  void SetPassive(const std::vector<bool>& passive);
+  // Makes one passive landmark active, by index; much cheaper than Expand.
+  void Activate(int index);
+  // Brings the passive rows up to date and makes all landmarks active.
+  void Expand();
+  bool IsPassive(const Landmark& landmark) const { return landmark.block >= active_blocks(); }
+  int passive_count() const { return passive_blocks_; }
+  // An update of the active part by rows H, with W = L^-1 H P (active columns) and w = L^-1 v:
+  // moves the passive landmarks and books the rest. `whitened_rows` is L^-1 H F with F the factor
+  // below.
+  void UpdatePassive(const Eigen::Ref<const Eigen::MatrixXd>& half_gain,
+                     const Eigen::Ref<const Eigen::MatrixXd>& whitened_rows,
+                     const Eigen::Ref<const Eigen::VectorXd>& whitened_innovation);
+  // F: the covariance of active with passive is F times what is stored.
+  auto passive_factor() const { return factor_.topLeftCorner(active_dim(), active_dim()); }
+  // The whole covariance, up to date. Slow; for checks.
+  Eigen::MatrixXd ExpandedCovariance() const;
+
   const MotionModel& motion() const { return *motion_; }
   MotionModel& motion() { return *motion_; }
   const std::vector<Landmark>& landmarks() const { return landmarks_; }
@@ -79,6 +104,10 @@ class FilterState {
   int dim() const { return motion_dim_ + 3 * static_cast<int>(owners_.size()); }
   int motion_dim() const { return motion_dim_; }
   int max_dim() const { return static_cast<int>(covariance_.rows()); }
+  // Rows of the motion and of all that is not passive: they come first.
+  int active_dim() const { return dim() - 3 * passive_blocks_; }
+  auto active_covariance() const { return covariance_.topLeftCorner(active_dim(), active_dim()); }
+  auto active_covariance() { return covariance_.topLeftCorner(active_dim(), active_dim()); }
   auto covariance() const { return covariance_.topLeftCorner(dim(), dim()); }
   auto covariance() { return covariance_.topLeftCorner(dim(), dim()); }
   // Symmetric and without a negative variance or eigenvalue beyond rounding. Slow; for checks.
@@ -91,6 +120,9 @@ class FilterState {
   };
 
   int BlockOffset(int block) const { return motion_dim_ + 3 * block; }
+  int active_blocks() const { return static_cast<int>(owners_.size()) - passive_blocks_; }
+  void SwapBlocks(int a, int b);
+  void ExpandInto(Eigen::MatrixXd* covariance) const;
   int AppendBlock(Owner owner);
   void RemoveBlock(int block);
   void MirrorRows(int offset);
@@ -102,6 +134,11 @@ class FilterState {
   std::vector<Landmark> landmarks_;
   std::vector<Anchor> anchors_;
   std::vector<Owner> owners_;
+  // The last blocks are passive. Their columns and rows of the true covariance are, of what is
+  // stored: P_ap = F P_ap0, P_pp = P_pp0 - P_ap0' G P_ap0.
+  int passive_blocks_ = 0;
+  Eigen::MatrixXd factor_;     // F
+  Eigen::MatrixXd reduction_;  // G
   Eigen::MatrixXd covariance_;
   Eigen::MatrixXd scratch_;
   MotionModel::MotionMatrix transition_;

@@ -83,8 +83,8 @@ KalmanUpdate::KalmanUpdate(const KalmanUpdateOptions& options, int max_dim, int 
 
 void KalmanUpdate::ComputePHt(const FilterState& state,
                               std::span<const LinearMeasurement> measurements) {
-  const int n = state.dim();
-  const auto p = state.covariance();
+  const int n = state.active_dim();
+  const auto p = state.active_covariance();
   for (size_t j = 0; j < measurements.size(); ++j) {
     const LinearMeasurement& m = measurements[j];
     auto column = pht_.block(0, 2 * j, n, 2);
@@ -99,7 +99,7 @@ void KalmanUpdate::ComputePHt(const FilterState& state,
 bool KalmanUpdate::LineariseAll(std::span<const Match> matches, const CameraModel& camera,
                                 const FilterState& state) {
   linear_.clear();
-  const auto applied = applied_.head(state.dim());
+  const auto applied = applied_.head(state.active_dim());
   const Eigen::Matrix3d d_rotation = RotationRightJacobian(applied.segment<3>(3));
   for (const Match& match : matches) {
     auto linear = Linearise(state, camera, match);
@@ -117,7 +117,7 @@ bool KalmanUpdate::LineariseAll(std::span<const Match> matches, const CameraMode
 }
 
 bool KalmanUpdate::Solve(const FilterState& state) {
-  const int count = static_cast<int>(linear_.size()), n = state.dim(), rows = 2 * count;
+  const int count = static_cast<int>(linear_.size()), n = state.active_dim(), rows = 2 * count;
   ComputePHt(state, linear_);
   const auto pht = pht_.topLeftCorner(n, rows);
   auto s = innovation_covariance_.topLeftCorner(rows, rows);
@@ -154,7 +154,7 @@ bool KalmanUpdate::ComputeResiduals(std::span<const Match> matches, const Camera
 }
 
 bool KalmanUpdate::IsLinearEnough(const FilterState& state) const {
-  const auto correction = correction_.head(state.dim());
+  const auto correction = correction_.head(state.active_dim());
   double sum = 0;
   for (size_t i = 0; i < linear_.size(); ++i) {
     const LinearMeasurement& linear = linear_[i];
@@ -171,10 +171,10 @@ bool KalmanUpdate::IsLinearEnough(const FilterState& state) const {
 
 bool KalmanUpdate::Iterate(std::span<const Match> matches, const CameraModel& camera,
                            FilterState* state) {
-  auto applied = applied_.head(state->dim());
+  auto applied = applied_.head(state->active_dim());
   for (int iteration = 1; LineariseAll(matches, camera, *state) && Solve(*state); ++iteration) {
     state->Correct(-applied);
-    applied = correction_.head(state->dim());
+    applied = correction_.head(state->active_dim());
     state->Correct(applied);
     if (!ComputeResiduals(matches, camera, *state)) return false;
     if (iteration >= options_.max_iterations || IsLinearEnough(*state)) return true;
@@ -214,7 +214,7 @@ double KalmanUpdate::RobustCost(std::span<const Match> matches) const {
 std::optional<double> KalmanUpdate::IterateRobustly(std::span<const Match> matches,
                                                     const CameraModel& camera, FilterState* state) {
   const double scale = options_.explore_cost_sigmas * options_.explore_cost_sigmas;
-  auto applied = applied_.head(state->dim());
+  auto applied = applied_.head(state->active_dim());
   for (int iteration = 0; iteration < options_.explore_iterations; ++iteration) {
     if (!ComputeResiduals(matches, camera, *state)) return std::nullopt;
     if (!LineariseAll(matches, camera, *state)) return std::nullopt;
@@ -224,7 +224,7 @@ std::optional<double> KalmanUpdate::IterateRobustly(std::span<const Match> match
     }
     if (!Solve(*state)) return std::nullopt;
     state->Correct(-applied);
-    applied = correction_.head(state->dim());
+    applied = correction_.head(state->active_dim());
     state->Correct(applied);
   }
   if (!ComputeResiduals(matches, camera, *state)) return std::nullopt;
@@ -236,7 +236,7 @@ std::optional<KalmanUpdate::Exploration> KalmanUpdate::Explore(
     const CameraModel& camera, FilterState* state) {
   PORTOLAN_CHECK(2 * static_cast<int>(matches.size()) <= innovation_.size());
   std::optional<Exploration> best;
-  auto applied = applied_.head(state->dim());
+  auto applied = applied_.head(state->active_dim());
   for (const Eigen::Vector3d& shift : camera_shifts) {
     applied.setZero();
     applied.head<3>() = shift;
@@ -254,9 +254,29 @@ std::optional<KalmanUpdate::Exploration> KalmanUpdate::Explore(
   return best;
 }
 
+void KalmanUpdate::UpdatePassive(FilterState* state) {
+  const int count = static_cast<int>(linear_.size()), n = state->active_dim(), rows = 2 * count;
+  const auto factor = state->passive_factor();
+  whitened_rows_.resize(rows, n);
+  for (int i = 0; i < count; ++i) {
+    const LinearMeasurement& m = linear_[i];
+    auto row = whitened_rows_.middleRows<2>(2 * i);
+    row.noalias() = m.d_pose * factor.topRows<6>();
+    row.noalias() += m.d_landmark * factor.middleRows<3>(m.landmark_offset);
+    if (m.anchor_offset != FilterState::kFixed) {
+      row.noalias() += m.d_anchor * factor.middleRows<3>(m.anchor_offset);
+    }
+  }
+  // L of the last Solve is still in the lower triangle.
+  innovation_covariance_.topLeftCorner(rows, rows)
+      .triangularView<Eigen::Lower>()
+      .solveInPlace(whitened_rows_);
+  state->UpdatePassive(half_gain_.topLeftCorner(rows, n), whitened_rows_, innovation_.head(rows));
+}
+
 std::optional<double> KalmanUpdate::Apply(std::vector<Match>* matches, const CameraModel& camera,
                                           FilterState* state, const Eigen::VectorXd* start) {
-  const int n = state->dim();
+  const int n = state->active_dim();
   PORTOLAN_CHECK(2 * static_cast<int>(matches->size()) <= innovation_.size());
   applied_.head(n).setZero();
   if (start != nullptr) {
@@ -266,8 +286,9 @@ std::optional<double> KalmanUpdate::Apply(std::vector<Match>* matches, const Cam
   for (int round = 0; !matches->empty() && Iterate(*matches, camera, state); ++round) {
     if (round < options_.max_rejection_rounds && RejectContradicting(matches)) continue;
     const int rows = 2 * static_cast<int>(matches->size());
-    auto p = state->covariance();
+    auto p = state->active_covariance();
     const auto w = half_gain_.topLeftCorner(rows, n);
+    if (state->passive_count() > 0) UpdatePassive(state);
     p.selfadjointView<Eigen::Lower>().rankUpdate(w.transpose(), -1.0);
     p.triangularView<Eigen::StrictlyUpper>() = p.transpose();
     return innovation_.head(rows).squaredNorm();

@@ -128,12 +128,15 @@ class KalmanUpdate {
   // One Gauss-Newton step from the current linearisation; false if S is not positive definite.
   bool Solve(const FilterState& state);
   bool IsLinearEnough(const FilterState& state) const;
+  // What the last Solve does to passive landmarks.
+  void UpdatePassive(FilterState* state);
 
   const KalmanUpdateOptions options_;
   std::vector<LinearMeasurement> linear_;
   Eigen::MatrixXd pht_;
   Eigen::MatrixXd innovation_covariance_;
   Eigen::MatrixXd half_gain_;
+  Eigen::MatrixXd whitened_rows_;  // with passive landmarks only
   Eigen::VectorXd innovation_;
   // Corrections of the prior state by the last and by the new linearisation.
   Eigen::VectorXd applied_;

@@ -71,6 +71,7 @@ void LocalFilter::ChangeMotion(std::unique_ptr<MotionModel> motion, const Motion
 
 bool LocalFilter::Predict(Timestamp time) {
   noise_is_fresh_ = state_.Predict(time, 1.0 / median_inverse_depth_);
+  ChoosePassive();
   return noise_is_fresh_;
 }
 
@@ -105,9 +106,32 @@ UpdateResult LocalFilter::Update(std::span<const Measurement> measurements) {
   if (!result.inliers.empty()) result.normalised_innovation = sum / (2.0 * result.inliers.size());
   MaintainLandmarks(&result);
   UpdateMedianInverseDepth();
+  ChoosePassive();
   RecordStatistics(result);
   PORTOLAN_DCHECK(state_.IsCovarianceValid());
   return result;
+}
+
+void LocalFilter::ChoosePassive() {
+  if (options_.covariance_update == CovarianceUpdate::kFull) return;
+  const Rigid3 camera_pose = submap_from_camera();
+  out_of_view_.assign(state_.landmarks().size(), false);
+  int idle = 0;
+  for (int i = 0; i < landmark_count(); ++i) {
+    const Landmark& landmark = state_.landmarks()[i];
+    if (!landmark.euclidean) continue;
+    const auto pixel =
+        ProjectLandmark(landmark, state_.AnchorPosition(landmark), camera_pose, camera_);
+    out_of_view_[i] = !pixel.has_value() || !camera_.IsInImage(*pixel);
+    if (!out_of_view_[i]) {
+      state_.Activate(i);
+    } else if (!state_.IsPassive(landmark)) {
+      ++idle;
+    }
+  }
+  // Bringing the passive ones up to date, to take in others, has to be worth it.
+  const int active = landmark_count() - state_.passive_count();
+  if (4 * idle > (state_.passive_count() == 0 ? 0 : active)) state_.SetPassive(out_of_view_);
 }
 
 void LocalFilter::FindMatches(std::span<const Measurement> measurements, UpdateResult* result) {
@@ -123,6 +147,8 @@ void LocalFilter::FindMatches(std::span<const Measurement> measurements, UpdateR
       if (!duplicate) result->outliers.push_back(measurement.track);
       continue;
     }
+    // A track may live on where its landmark is not expected.
+    state_.Activate(index);
     Candidate candidate;
     candidate.track = measurement.track;
     candidate.match = {index, measurement.pixel, PixelVariance(measurement)};
@@ -181,8 +207,8 @@ double LocalFilter::UpdateLowInnovation(int gated, UpdateResult* result) {
     linear_.push_back(candidates_[i].linear);
   }
   kalman_.ComputePHt(state_, linear_);
-  const InlierSet inliers =
-      selector_->Select(matches_, linear_, kalman_.pht(state_.dim(), gated), state_, camera_);
+  const InlierSet inliers = selector_->Select(
+      matches_, linear_, kalman_.pht(state_.active_dim(), gated), state_, camera_);
   result->ransac_hypotheses = inliers.hypotheses;
   for (int i : inliers.matches) candidates_[i].used = true;
   return UpdateWithUsed(0);
@@ -253,7 +279,8 @@ void LocalFilter::FixScale() {
   if (mean.count >= options_.min_known_depths) state_.FixScale(mean.d_log_d_state);
 }
 
-LocalFilter::DepthPrior LocalFilter::PriorOfNewLandmarks() const {
+LocalFilter::DepthPrior LocalFilter::PriorOfNewLandmarks() {
+  state_.Expand();
   const MeanDepth mean = MeanOfKnownDepths(state_, options_.known_depth_sigma_ratio);
   DepthPrior prior;
   if (mean.count < options_.min_known_depths) {

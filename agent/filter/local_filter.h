@@ -92,6 +92,8 @@ class LocalFilter {
   LocalFilter(const FilterOptions& options, const CameraModel& camera,
               std::unique_ptr<MotionModel> motion);
 
+  // Compressed update: makes the points out of view passive, as long as none comes into view.
+  void ChoosePassive();
   // Sorts the measurements into matches_ (known, projecting) and outliers.
   void FindMatches(std::span<const Measurement> measurements, UpdateResult* result);
   // Moves the matches inside the prior gate to the front; returns their number.
@@ -114,7 +116,7 @@ class LocalFilter {
     double sigma = 0;
     Eigen::RowVectorXd d_depth_d_state;
   };
-  DepthPrior PriorOfNewLandmarks() const;
+  DepthPrior PriorOfNewLandmarks();
   static DepthPrior WithMeasured(const DepthPrior& prior, const MeasuredDepth& depth);
   // Makes the mean of the known depths the exact unit of length, unless there is a metric one. Not
   // at the start, where the scale must give way to what the first, nonlinear frames got wrong.
@@ -140,6 +142,7 @@ class LocalFilter {
   std::vector<LinearMeasurement> linear_;
   std::vector<double> inverse_depths_;
   std::vector<double> spreads_;
+  std::vector<bool> out_of_view_;
   std::deque<FrameStatistics> window_;
   double median_inverse_depth_;
   bool noise_is_fresh_ = false;

@@ -34,7 +34,7 @@ void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrec
   const uint64_t version = corrector.map_version();
   if (version == seen_version_) return;
   seen_version_ = version;
-  const std::optional<PlacedSubmap> newest = corrector.NewestPlaced(sequence_number);
+  const std::optional<CorrectedSubmap> newest = corrector.NewestPlaced(sequence_number);
   if (!newest) return;
   if (held_ && newest->origin.frame_submap == held_->frame_submap &&
       newest->origin.map_version == held_->map_version) {

@@ -238,8 +238,17 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   if (last_adjustment_.summary.interrupted) return;
   restless_.erase(seed);
   ++visits_[seed];
-  for (const SubmapId name : relations_.NeighbourNames(model_, seed)) {
-    if (std::binary_search(region.begin(), region.end(), name)) restless_.erase(name);
+  // So are the seed's neighbours, and whoever else had all of its own about it.
+  const std::vector<SubmapId> neighbours = relations_.NeighbourNames(model_, seed);
+  const auto is_in_region = [&region](SubmapId name) {
+    return std::binary_search(region.begin(), region.end(), name);
+  };
+  for (const SubmapId id : region) {
+    const std::vector<SubmapId> around = relations_.NeighbourNames(model_, id);
+    if (std::find(neighbours.begin(), neighbours.end(), id) != neighbours.end() ||
+        std::all_of(around.begin(), around.end(), is_in_region)) {
+      restless_.erase(id);
+    }
   }
   strained_.insert(component);
   TakeBackFailed(region);

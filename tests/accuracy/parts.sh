@@ -35,7 +35,7 @@ sequences=(
 
 # name | agent flags
 parts=(
-  "default: Shi-Tomasi, pyramidal LK, 1-point RANSAC, undelayed inverse depth|"
+  "default: Shi-Tomasi, pyramidal LK, 1-point RANSAC, full update, undelayed inverse depth|"
   "detector Harris|--tracker.detector harris"
   "detector FAST|--tracker.detector fast"
   "detector ORB|--tracker.detector orb"
@@ -43,6 +43,7 @@ parts=(
   "matcher active-search NCC|--tracker.matcher search"
   "outliers JCBB|--filter.inlier_selection joint_compatibility"
   "outliers chi-square only|--filter.inlier_selection chi_square"
+  "covariance update compressed|--filter.covariance_update compressed"
   "initialisation two-view DLT|--initialization.method two_view"
   "initialisation multi-view LM|--initialization.method multi_view"
   "initialisation Chen's update|--initialization.method two_view_update"

@@ -2,6 +2,7 @@
 #include <benchmark/benchmark.h>
 
 #include "tests/agent/filter/point_world.h"
+#include "tests/agent/filter/turning_world.h"
 
 namespace portolan {
 namespace {
@@ -74,6 +75,36 @@ BENCHMARK(BM_FirstFrames)
     ->Arg(100)
     ->Unit(benchmark::kMicrosecond)
     ->Iterations(50);
+
+// A camera that looks to and fro, about 40 landmarks in view and the others kept: full (0) against
+// compressed (1) update.
+void BM_CovarianceUpdate(benchmark::State& state) {
+  const auto points = static_cast<int>(state.range(0));
+  const double half_arc_rad = points * 1.08 / 80 - 0.4;
+  TurningWorld world(points, half_arc_rad, 6.28 * half_arc_rad / 0.5);
+  FilterOptions options;
+  options.max_landmarks = points;
+  options.linearity_threshold = 0.4;
+  options.covariance_update =
+      state.range(1) == 0 ? CovarianceUpdate::kFull : CovarianceUpdate::kCompressed;
+  auto filter = LocalFilter::Create(options, world.camera(), nullptr).value();
+  int frame = 0;
+  while (frame < 60 || filter->landmark_count() < points) {
+    world.Step(frame++, filter.get());
+    if (frame > 2000) break;
+  }
+  double passive = 0;
+  for (auto _ : state) {
+    world.Step(frame++, filter.get());
+    passive += filter->state().passive_count();
+  }
+  state.counters["landmarks"] = filter->landmark_count();
+  state.counters["passive"] = passive / state.iterations();
+}
+BENCHMARK(BM_CovarianceUpdate)
+    ->ArgsProduct({{60, 120, 200}, {0, 1}})
+    ->Unit(benchmark::kMicrosecond)
+    ->Iterations(300);
 
 void BM_BeginSubmap(benchmark::State& state) {
   Setup setup(static_cast<int>(state.range(0)), 60);
