@@ -161,7 +161,7 @@ class MapAligner {
   // By the factor at which it is relaxed, in submaps or closures.
   bool HasGrown(ComponentId component) const;
   // Removes what regions leave: moves all submaps of the component, each as a whole.
-  void Relax(ComponentId component, const std::atomic<bool>* interrupt);
+  void Relax(ComponentId component, const std::atomic<bool>& interrupt);
   void PolishLargeComponent(const std::atomic<bool>& interrupt);
   void TakeBackFailed(const std::vector<SubmapId>& region);
   void SeparateMatches(const Closure& closure);

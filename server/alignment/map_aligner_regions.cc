@@ -201,7 +201,7 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     if (strained_.empty()) {
       PolishLargeComponent(interrupt);
     } else {
-      Relax(*strained_.begin(), &interrupt);
+      Relax(*strained_.begin(), interrupt);
     }
     return;
   }
@@ -215,7 +215,10 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     checked_size = model_.SizeOf(component);
     MakeMetric(component);
   }
-  if (HasGrown(component)) Relax(component, nullptr);
+  if (HasGrown(component)) {
+    Relax(component, interrupt);
+    if (interrupt) return;
+  }
   std::vector<SubmapId> region = RegionAround({seed}, options_.region_submaps);
   std::sort(region.begin(), region.end());
   std::vector<Similarity3> before;
@@ -264,12 +267,12 @@ bool MapAligner::HasGrown(ComponentId component) const {
          has_grown(closures().size(), relaxed->second.closures);
 }
 
-void MapAligner::Relax(ComponentId component, const std::atomic<bool>* interrupt) {
+void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt) {
   const std::vector<SubmapId> ids = model_.SubmapsOf(component);
   std::map<SubmapId, Similarity3> before;
   for (const SubmapId id : ids) before.emplace(id, model_.submap(id).world_from_submap);
   const RelaxationSummary summary =
-      RelaxSubmaps(options_.relaxation, options_.adjuster.metric, ids, interrupt, &model_);
+      RelaxSubmaps(options_.relaxation, options_.adjuster.metric, ids, &interrupt, &model_);
   if (summary.iterations > 0) TouchComponent(component);
   if (summary.interrupted) return;
   strained_.erase(component);
