@@ -148,7 +148,7 @@ void MapAligner::Join(const std::vector<Closure>& agreeing) {
   judged_group_sizes_.clear();
   relations_.Rechain(model_, moved);
   if (IsLarge(std::min(in_a, in_b))) {
-    Touch(moved);
+    moved_.insert(moved.begin(), moved.end());
   } else {
     TouchComponent(std::min(in_a, in_b));
   }
@@ -380,6 +380,8 @@ void MapAligner::MarkStale(SubmapId id, int urgency) {
 }
 
 std::set<SubmapId> MapAligner::TakeTouched() { return std::exchange(touched_, {}); }
+
+std::set<SubmapId> MapAligner::TakeMoved() { return std::exchange(moved_, {}); }
 
 std::map<SubmapId, std::set<TrackId>> MapAligner::TakeTouchedLandmarks() {
   return std::exchange(touched_landmarks_, {});

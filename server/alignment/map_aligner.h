@@ -107,6 +107,9 @@ class MapAligner {
   const MapAdjustment& last_adjustment() const { return last_adjustment_; }
   // Submaps whose pose, component or landmarks changed since the last call.
   std::set<SubmapId> TakeTouched();
+  // Submaps that only moved since the last call, each nearly as a whole: their landmarks are made
+  // of the same sights as before.
+  std::set<SubmapId> TakeMoved();
   // Landmarks that changed since the last call, of submaps that otherwise did not; by the submap
   // that owns them (the oldest sight's).
   std::map<SubmapId, std::set<TrackId>> TakeTouchedLandmarks();
@@ -201,6 +204,7 @@ class MapAligner {
   // Size of a large component when its scale and vertical were last checked.
   std::map<ComponentId, size_t> metric_checked_size_;
   std::set<SubmapId> touched_;
+  std::set<SubmapId> moved_;
   std::map<SubmapId, std::set<TrackId>> touched_landmarks_;
   MapAdjustment last_adjustment_;
 };

@@ -154,10 +154,9 @@ void MapAligner::MoveRegion(const std::vector<SubmapId>& region,
     const double movement = Movement(submap, world_from_submap[i]);
     if (movement < kMinMovement) continue;
     model_.MoveSubmap(region[i], world_from_submap[i]);
-    touched_.insert(region[i]);
+    moved_.insert(region[i]);
     // The cameras shared with the neighbours moved with it.
-    if (submap.link) touched_.insert(submap.link->a);
-    TouchLandmarksOf(region[i]);
+    if (submap.link) moved_.insert(submap.link->a);
     MarkStale(region[i], 1);
   }
 }
@@ -273,7 +272,7 @@ void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt
   for (const SubmapId id : ids) before.emplace(id, model_.submap(id).world_from_submap);
   const RelaxationSummary summary =
       RelaxSubmaps(options_.relaxation, options_.adjuster.metric, ids, &interrupt, &model_);
-  if (summary.iterations > 0) TouchComponent(component);
+  if (summary.iterations > 0) moved_.insert(ids.begin(), ids.end());
   if (summary.interrupted) return;
   strained_.erase(component);
   for (const SubmapId id : ids) visits_.erase(id);

@@ -63,10 +63,6 @@ std::vector<ComponentState> Components(
   return result;
 }
 
-double RotationAngle(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
-  return a.angularDistance(b);
-}
-
 }  // namespace
 
 Status MapFuserOptions::Validate() const {
@@ -143,29 +139,60 @@ std::shared_ptr<const SubmapState> MapFuser::FuseSubmap(const MapAligner& aligne
   state->world_from_submap = submap.world_from_submap;
   state->covariance = aligner.Covariance(id);
   state->world_from_camera = submap.world_from_camera;
-  std::vector<double> depths;
   for (size_t i = 0; i < submap.landmarks.size(); ++i) {
     const ModelLandmark& landmark = model.landmarks()[submap.landmarks[i]];
-    depths.push_back(
-        (landmark.point_in_world - submap.world_from_camera.front().translation).norm());
     if (landmark.sights.front() != LandmarkSight{id, submap.refined->landmarks[i].track}) continue;
     std::optional<FusedLandmark> fused = FuseLandmark(model, submap.landmarks[i]);
     if (fused) state->landmarks.push_back(*std::move(fused));
+  }
+  state->moved_at_version = MovedAt(submap, model, previous, version);
+  return state;
+}
+
+uint64_t MapFuser::MovedAt(const ModelSubmap& submap, const MapModel& model,
+                           const SubmapState* previous, uint64_t version) const {
+  if (previous == nullptr || previous->component != submap.component) return version;
+  std::vector<double> depths;
+  for (const int index : submap.landmarks) {
+    depths.push_back(
+        (model.landmarks()[index].point_in_world - submap.world_from_camera.front().translation)
+            .norm());
   }
   double depth = 0;
   if (!depths.empty()) {
     std::nth_element(depths.begin(), depths.begin() + depths.size() / 2, depths.end());
     depth = depths[depths.size() / 2];
   }
-  bool moved = previous == nullptr || previous->component != state->component;
-  for (size_t k = 0; k < state->world_from_camera.size() && !moved; ++k) {
+  for (size_t k = 0; k < submap.world_from_camera.size(); ++k) {
     const Rigid3& before = previous->world_from_camera[k];
-    const Rigid3& after = state->world_from_camera[k];
-    moved = (before.translation - after.translation).norm() >
-                options_.moved_translation_of_depth * depth ||
-            RotationAngle(before.rotation, after.rotation) > options_.moved_rotation_rad;
+    const Rigid3& after = submap.world_from_camera[k];
+    if ((before.translation - after.translation).norm() >
+            options_.moved_translation_of_depth * depth ||
+        before.rotation.angularDistance(after.rotation) > options_.moved_rotation_rad) {
+      return version;
+    }
   }
-  state->moved_at_version = moved ? version : previous->moved_at_version;
+  return previous->moved_at_version;
+}
+
+std::shared_ptr<const SubmapState> MapFuser::MoveState(const MapAligner& aligner, SubmapId id,
+                                                       const SubmapState& previous,
+                                                       uint64_t version) const {
+  const MapModel& model = aligner.model();
+  const ModelSubmap& submap = model.submap(id);
+  auto state = std::make_shared<SubmapState>(previous);
+  state->component = submap.component;
+  state->world_from_submap = submap.world_from_submap;
+  state->covariance = aligner.Covariance(id);
+  state->world_from_camera = submap.world_from_camera;
+  const Similarity3 change = submap.world_from_submap * previous.world_from_submap.Inverse();
+  const Eigen::Matrix3d turn = change.scale * change.rotation.toRotationMatrix();
+  for (FusedLandmark& landmark : state->landmarks) {
+    const int index = MapModel::LandmarkIndex(*submap.refined, landmark.sights.front().track);
+    landmark.point_in_world = model.landmarks()[submap.landmarks[index]].point_in_world;
+    landmark.covariance = turn * landmark.covariance * turn.transpose();
+  }
+  state->moved_at_version = MovedAt(submap, model, &previous, version);
   return state;
 }
 
@@ -203,6 +230,7 @@ std::shared_ptr<const MapSnapshot> MapFuser::Fuse(const MapSnapshot& previous,
                                                   MapAligner* aligner) const {
   const MapModel& model = aligner->model();
   std::set<SubmapId> touched = aligner->TakeTouched();
+  const std::set<SubmapId> moved = aligner->TakeMoved();
   auto snapshot = std::make_shared<MapSnapshot>();
   snapshot->version = previous.version + 1;
   snapshot->submaps = previous.submaps;
@@ -224,6 +252,11 @@ std::shared_ptr<const MapSnapshot> MapFuser::Fuse(const MapSnapshot& previous,
       states.insert(place, FuseSubmap(*aligner, it->first, nullptr, snapshot->version));
       touched.erase(it->first);
     }
+  }
+  for (const SubmapId id : moved) {
+    if (touched.contains(id)) continue;
+    auto& state = *place_of(id);
+    state = MoveState(*aligner, id, *state, snapshot->version);
   }
   for (const SubmapId id : touched) {
     auto& state = *place_of(id);

@@ -46,6 +46,12 @@ class MapFuser {
   std::shared_ptr<const SubmapState> FuseSubmap(const MapAligner& aligner, SubmapId id,
                                                 const SubmapState* previous,
                                                 uint64_t version) const;
+  // The state at its new place; the landmarks' covariances turn and grow with the submap.
+  std::shared_ptr<const SubmapState> MoveState(const MapAligner& aligner, SubmapId id,
+                                               const SubmapState& previous, uint64_t version) const;
+  // moved_at_version, by how far the cameras moved relative to the depth of the scene.
+  uint64_t MovedAt(const ModelSubmap& submap, const MapModel& model, const SubmapState* previous,
+                   uint64_t version) const;
   // The state with some of its landmarks anew.
   std::shared_ptr<const SubmapState> FuseSomeLandmarks(const MapModel& model, SubmapId id,
                                                        const SubmapState& previous,

@@ -214,8 +214,14 @@ class Problem {
   std::vector<Sight> sights_;
 };
 
+// Relative decrease of the cost under which a round has converged: the first only has to bring the
+// covariances of the errors, the last the result, whose own error is thousands of times larger.
+constexpr double kFirstTolerance = 1e-3;
+constexpr double kLastTolerance = 1e-5;
+
 // Descends from `a_from_b` with the covariances fixed; returns the normal equations at the end.
-Problem::Normal Descend(const Problem& problem, int max_iterations, Similarity3* a_from_b) {
+Problem::Normal Descend(const Problem& problem, int max_iterations, double tolerance,
+                        Similarity3* a_from_b) {
   double damping = 1e-4;
   Problem::Normal normal = problem.Linearise(*a_from_b);
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
@@ -226,7 +232,7 @@ Problem::Normal Descend(const Problem& problem, int max_iterations, Similarity3*
     const Similarity3 candidate = *a_from_b * Similarity3::Exp(step);
     const Problem::Normal next = problem.Linearise(candidate);
     if (next.cost < normal.cost) {
-      const bool converged = normal.cost - next.cost < 1e-6 * normal.cost;
+      const bool converged = normal.cost - next.cost < tolerance * normal.cost;
       *a_from_b = candidate;
       normal = next;
       damping = std::max(damping * 0.1, 1e-9);
@@ -266,7 +272,9 @@ std::optional<RefinedSimilarity> RefineSimilarity(const SubmapPoints& a, const S
   // The second round has the covariances of the errors at the first one's result.
   for (int round = 0; round < 2; ++round) {
     problem.SetInformation(refined.a_from_b);
-    refined.information = Descend(problem, options.max_iterations, &refined.a_from_b).hessian;
+    const double tolerance = round == 0 ? kFirstTolerance : kLastTolerance;
+    refined.information =
+        Descend(problem, options.max_iterations, tolerance, &refined.a_from_b).hessian;
   }
   const bool finite = refined.a_from_b.translation.allFinite() &&
                       refined.a_from_b.rotation.coeffs().allFinite() &&
