@@ -23,6 +23,25 @@ class MapFuserTest : public ::testing::Test {
     }
   }
 
+  // Compares the landmarks of a snapshot with what the model says now.
+  int CountAsFusedAnew(const MapSnapshot& snapshot, const MapModel& model) const {
+    int count = 0;
+    for (const auto& state : snapshot.submaps) {
+      const ModelSubmap& submap = model.submap(state->refined->id);
+      EXPECT_EQ(state->world_from_submap.translation, submap.world_from_submap.translation);
+      for (const FusedLandmark& landmark : state->landmarks) {
+        const int index = MapModel::LandmarkIndex(*submap.refined, landmark.sights.front().track);
+        const auto anew = fuser_.FuseLandmark(model, submap.landmarks[index]);
+        if (!anew) continue;
+        EXPECT_EQ(landmark.point_in_world, anew->point_in_world);
+        EXPECT_EQ(landmark.sights, anew->sights);
+        EXPECT_LT((landmark.covariance - anew->covariance).norm(), 0.2 * anew->covariance.norm());
+        ++count;
+      }
+    }
+    return count;
+  }
+
   SyntheticMission mission_;
   MapAligner aligner_{MapAlignerOptions()};
   const MapFuser fuser_{MapFuserOptions()};
@@ -71,6 +90,31 @@ TEST_F(MapFuserTest, LandmarkIdsAreStableAcrossSolves) {
     for (const auto& landmark : after->submaps[i]->landmarks) kept += ids.count(landmark.id);
   }
   EXPECT_GT(kept, 0.9 * static_cast<double>(total));
+}
+
+// In a large component relaxations move submaps whose landmarks are not fused anew.
+TEST_F(MapFuserTest, LandmarksFollowSubmapsThatOnlyMove) {
+  MapAlignerOptions options;
+  options.full_component_submaps = 1;
+  options.region_submaps = 1;
+  options.polished_component_submaps = 1;
+  options.relaxation.min_decrease = 0;
+  MapAligner large(options);
+  const SubmapRefiner refiner = SubmapRefiner::Create({}).value();
+  for (const SyntheticSubmap& submap : mission_.submaps) {
+    large.AddSubmap(refiner.Refine(submap.id, submap.submap, mission_.camera));
+  }
+  auto snapshot = fuser_.Fuse({}, &large);
+  const std::atomic<bool> never = false;
+  int moves = 0;
+  for (int step = 0; step < 100 && large.HasBackgroundWork(); ++step) {
+    large.AdjustStaleComponent(never);
+    const Eigen::Vector3d before = snapshot->submaps[2]->world_from_submap.translation;
+    snapshot = fuser_.Fuse(*snapshot, &large);
+    if (snapshot->submaps[2]->world_from_submap.translation != before) ++moves;
+    EXPECT_GT(CountAsFusedAnew(*snapshot, large.model()), 150);
+  }
+  EXPECT_GT(moves, 1);
 }
 
 TEST_F(MapFuserTest, RestoredAlignerFusesTheSameMap) {
