@@ -4,6 +4,7 @@
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
 
+#include <algorithm>
 #include <mutex>
 #include <unordered_set>
 #include <utility>
@@ -118,7 +119,12 @@ class Server::Impl {
     if (!map.derived_problem.empty()) {
       LogWarning("the map is rebuilt from its raw submaps: ", map.derived_problem);
     }
-    if (options_.rebuild || !map.derived_problem.empty()) {
+    // A lockstep run that was broken off repeats what it had integrated: a map that is continued
+    // from its stored form is as good, but not the same to the last bit.
+    const bool is_broken_off = !options_.ingest.lockstep_agents.empty() &&
+                               std::any_of(map.sessions.begin(), map.sessions.end(),
+                                           [](const auto& session) { return !session.finished; });
+    if (options_.rebuild || is_broken_off || !map.derived_problem.empty()) {
       PORTOLAN_RETURN_IF_ERROR(store_->DropDerived());
       // The versions go on, so that an agent that knows an old one is told what moved.
       auto empty = std::make_shared<MapSnapshot>();
