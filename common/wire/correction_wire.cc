@@ -14,6 +14,8 @@ namespace {
 
 constexpr int kTangentSize = 7;
 constexpr double kMaxVariance = 1e24;
+// What is sent for larger ones: below the limit as a float, too.
+constexpr double kLargestSentVariance = 9e23;
 // The first that knows PoseColumns.
 constexpr uint32_t kPoseColumnsVersion = 2;
 
@@ -81,8 +83,9 @@ void ToProto(const MapCorrection& correction, uint32_t protocol_version, v1::Cor
     m->set_metric(placement.metric);
     ToProto(placement.world_from_submap, m->mutable_world_from_submap());
     for (int i = 0; i < kTangentSize; ++i) {
-      m->add_covariance_diagonal(
-          static_cast<float>(std::min(placement.covariance_diagonal[i], kMaxVariance)));
+      const double variance = placement.covariance_diagonal[i];
+      const bool is_sound = variance >= 0 && variance < kLargestSentVariance;
+      m->add_covariance_diagonal(static_cast<float>(is_sound ? variance : kLargestSentVariance));
     }
     if (protocol_version < kPoseColumnsVersion) {
       for (const Rigid3& pose : placement.adjusted_submap_from_camera) {

@@ -56,6 +56,19 @@ TEST(CorrectionWire, KeepsCorrections) {
   }
 }
 
+// A submap whose place is next to unknown does not cost the whole correction.
+TEST(CorrectionWire, BoundsVariances) {
+  MapCorrection correction = Correction(2);
+  for (const double variance : {1e24, 1e300, HUGE_VAL, std::nan(""), -1.0}) {
+    correction.submaps[0].covariance_diagonal[2] = variance;
+    v1::Correction message;
+    ToProto(correction, kProtocolVersion, &message);
+    const auto value = FromProto(message);
+    ASSERT_THAT(value, IsOk());
+    EXPECT_GT(value->submaps[0].covariance_diagonal[2], 1e23);
+  }
+}
+
 TEST(CorrectionWire, OldAgentsGetPosesAsNumbers) {
   const MapCorrection correction = Correction(4);
   v1::Correction message;
