@@ -1,10 +1,11 @@
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "common/wire/column_codec.h"
 #include "common/wire/geometry_wire.h"
+#include "common/wire/pose_steps.h"
 #include "common/wire/submap_columns.h"
 #include "common/wire/submap_validation.h"
 
@@ -14,32 +15,14 @@ namespace {
 constexpr double kRotationStep_rad = 1.0 / (1 << 20);
 // More than pi in rotation steps.
 constexpr int64_t kMaxRotationSteps = int64_t{4} << 20;
-constexpr int64_t kMaxTranslationSteps = int64_t{1} << 40;
 
-using Steps3 = std::array<int64_t, 3>;
-
-// The power of two that puts 2^20 to 2^21 steps into the largest coordinate.
-double TranslationStep(const std::vector<FramePose>& frames) {
+// 2^20 to 2^21 steps in the largest coordinate.
+double StepOf(const std::vector<FramePose>& frames) {
   double largest = 0;
   for (const FramePose& frame : frames) {
     largest = std::max(largest, frame.submap_from_camera.translation.cwiseAbs().maxCoeff());
   }
-  const int exponent = largest > 0 ? std::clamp(std::ilogb(largest) - 20, -60, 60) : -20;
-  return std::ldexp(1.0, exponent);
-}
-
-Steps3 ToSteps(const Eigen::Vector3d& v, double step) {
-  return {std::llround(v.x() / step), std::llround(v.y() / step), std::llround(v.z() / step)};
-}
-Eigen::Vector3d FromSteps(const Steps3& steps, double step) {
-  return Eigen::Vector3d(static_cast<double>(steps[0]), static_cast<double>(steps[1]),
-                         static_cast<double>(steps[2])) *
-         step;
-}
-
-// Both sides walk through the same rotations, so that rounding errors do not add up.
-Eigen::Quaterniond NextRotation(const Eigen::Quaterniond& previous, const Steps3& step) {
-  return (previous * RotationExp(FromSteps(step, kRotationStep_rad))).normalized();
+  return TranslationStep(largest, 20);
 }
 
 // Second differences of a series whose first two predecessors are equal to `origin`.
@@ -83,15 +66,13 @@ Columns EncodeColumns(const std::vector<FramePose>& frames, double translation_s
   for (const FramePose& frame : frames) {
     c.time.push_back(time.Encode(frame.time.count()));
     const Steps3 t = ToSteps(frame.submap_from_camera.translation, translation_step);
-    const Steps3 r = ToSteps(
-        RotationLog((rotation.conjugate() * frame.submap_from_camera.rotation).normalized()),
-        kRotationStep_rad);
+    const Steps3 r = TurnBetween(rotation, frame.submap_from_camera.rotation, kRotationStep_rad);
     for (size_t axis = 0; axis < 3; ++axis) {
       c.translation[axis].push_back(translation[axis].Encode(t[axis]));
       c.rotation[axis].push_back(r[axis] - turn[axis]);
     }
     turn = r;
-    rotation = NextRotation(rotation, turn);
+    rotation = Turned(rotation, turn, kRotationStep_rad);
   }
   return c;
 }
@@ -137,7 +118,7 @@ void EncodeFrames(const std::vector<FramePose>& frames, v1::FrameColumns* column
   if (frames.empty()) return;
   columns->set_count(static_cast<uint32_t>(frames.size()));
   columns->set_time_origin_ns(frames.front().time.count());
-  columns->set_translation_step(TranslationStep(frames));
+  columns->set_translation_step(StepOf(frames));
   const Columns c = EncodeColumns(frames, columns->translation_step());
   columns->set_time_ns(EncodeColumn(c.time));
   columns->set_translation_x(EncodeColumn(c.translation[0]));
@@ -170,7 +151,7 @@ StatusOr<std::vector<FramePose>> DecodeFrames(const v1::FrameColumns& columns) {
       position[axis] = *p;
       turn[axis] = *r;
     }
-    rotation = NextRotation(rotation, turn);
+    rotation = Turned(rotation, turn, kRotationStep_rad);
     frames[i].submap_from_camera = {rotation, FromSteps(position, columns.translation_step())};
   }
   return frames;

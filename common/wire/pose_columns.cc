@@ -1,13 +1,13 @@
 #include "common/wire/pose_columns.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 
 #include "absl/strings/str_cat.h"
 #include "common/wire/column_codec.h"
 #include "common/wire/geometry_wire.h"
+#include "common/wire/pose_steps.h"
 
 namespace portolan {
 namespace {
@@ -15,33 +15,14 @@ namespace {
 constexpr double kRotationStep_rad = 1.0 / (1 << 15);
 // More than pi in rotation steps.
 constexpr int64_t kMaxRotationSteps = int64_t{4} << 15;
-constexpr int64_t kMaxTranslationSteps = int64_t{1} << 40;
-constexpr int kMinExponent = -60, kMaxExponent = 60;
 
-using Steps3 = std::array<int64_t, 3>;
-
-// The power of two that puts 2^14 to 2^15 steps into the largest coordinate.
+// 2^14 to 2^15 steps in the largest coordinate.
 double StepOf(const std::vector<Rigid3>& poses) {
   double largest = 0;
   for (const Rigid3& pose : poses) {
     largest = std::max(largest, pose.translation.cwiseAbs().maxCoeff());
   }
-  const int exponent = largest > 0 ? std::ilogb(largest) - 14 : -14;
-  return std::ldexp(1.0, std::clamp(exponent, kMinExponent, kMaxExponent));
-}
-
-Steps3 ToSteps(const Eigen::Vector3d& v, double step) {
-  return {std::llround(v.x() / step), std::llround(v.y() / step), std::llround(v.z() / step)};
-}
-Eigen::Vector3d FromSteps(const Steps3& steps, double step) {
-  return Eigen::Vector3d(static_cast<double>(steps[0]), static_cast<double>(steps[1]),
-                         static_cast<double>(steps[2])) *
-         step;
-}
-
-// Both sides walk through the same rotations, so that rounding errors do not add up.
-Eigen::Quaterniond Turned(const Eigen::Quaterniond& rotation, const Steps3& turn) {
-  return (rotation * RotationExp(FromSteps(turn, kRotationStep_rad))).normalized();
+  return TranslationStep(largest, 14);
 }
 
 Status Malformed(absl::string_view what, absl::string_view why) {
@@ -62,14 +43,13 @@ void EncodePoses(const std::vector<Rigid3>& poses, v1::PoseColumns* columns) {
   Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
   for (const Rigid3& pose : poses) {
     const Steps3 translation = ToSteps(pose.translation, step);
-    const Steps3 turn = ToSteps(RotationLog((rotation.conjugate() * pose.rotation).normalized()),
-                                kRotationStep_rad);
+    const Steps3 turn = TurnBetween(rotation, pose.rotation, kRotationStep_rad);
     for (size_t axis = 0; axis < 3; ++axis) {
       translations.push_back(translation[axis] - last_translation[axis]);
       rotations.push_back(turn[axis]);
     }
     last_translation = translation;
-    rotation = Turned(rotation, turn);
+    rotation = Turned(rotation, turn, kRotationStep_rad);
   }
   columns->set_count(static_cast<uint32_t>(poses.size()));
   columns->set_translation_step(step);
@@ -82,7 +62,8 @@ StatusOr<std::vector<Rigid3>> DecodePoses(const v1::PoseColumns& columns, size_t
   if (columns.count() > max_poses) return Malformed(what, "too many poses");
   const double step = columns.translation_step();
   // Written so that NaN fails.
-  if (!(step >= std::ldexp(1.0, kMinExponent) && step <= std::ldexp(1.0, kMaxExponent))) {
+  if (!(step >= std::ldexp(1.0, kMinTranslationExponent) &&
+        step <= std::ldexp(1.0, kMaxTranslationExponent))) {
     return Malformed(what, "translation_step out of range");
   }
   const auto translations = DecodeColumn(columns.translation(), 3 * columns.count());
@@ -101,7 +82,7 @@ StatusOr<std::vector<Rigid3>> DecodePoses(const v1::PoseColumns& columns, size_t
       return Malformed(what, "step out of range");
     }
     for (size_t axis = 0; axis < 3; ++axis) translation[axis] += move[axis];
-    rotation = Turned(rotation, turn);
+    rotation = Turned(rotation, turn, kRotationStep_rad);
     poses.push_back({rotation, FromSteps(translation, step)});
     PORTOLAN_RETURN_IF_ERROR(CheckPose(poses.back(), what));
   }

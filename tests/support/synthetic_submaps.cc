@@ -7,7 +7,7 @@
 #include <string>
 
 #include "common/base/check.h"
-#include "tests/support/submap_test_camera.h"
+#include "tests/support/test_cameras.h"
 
 namespace portolan {
 namespace {

@@ -3,22 +3,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "tests/support/test_cameras.h"
+
 namespace portolan {
 namespace {
 
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
-
-CameraModel TestCamera() {
-  CameraIntrinsics intrinsics;
-  intrinsics.width_px = 640;
-  intrinsics.height_px = 480;
-  intrinsics.fx_px = intrinsics.fy_px = 500;
-  intrinsics.cx_px = 320;
-  intrinsics.cy_px = 240;
-  return CameraModel::Create(intrinsics).value();
-}
 
 TrackedPoint Point(uint32_t id, double x, double y, int age = 10) {
   return {TrackId(id), {x, y}, 0.5, age};
@@ -27,7 +19,7 @@ TrackedPoint Point(uint32_t id, double x, double y, int age = 10) {
 class LandmarkManagerTest : public ::testing::Test {
  protected:
   LandmarkManagerOptions options_;
-  LandmarkManager manager_{options_, TestCamera()};
+  LandmarkManager manager_{options_, PinholeTestCamera()};
 };
 
 TEST_F(LandmarkManagerTest, SpreadsLandmarksOverTheImage) {

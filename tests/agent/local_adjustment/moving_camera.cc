@@ -3,22 +3,11 @@
 #include <cmath>
 #include <random>
 
+#include "tests/support/test_cameras.h"
+
 namespace portolan {
-namespace {
 
-CameraModel MakeCamera() {
-  CameraIntrinsics intrinsics;
-  intrinsics.width_px = 640;
-  intrinsics.height_px = 480;
-  intrinsics.fx_px = intrinsics.fy_px = 500;
-  intrinsics.cx_px = 320;
-  intrinsics.cy_px = 240;
-  return CameraModel::Create(intrinsics).value();
-}
-
-}  // namespace
-
-MovingCamera::MovingCamera() : camera_(MakeCamera()) {
+MovingCamera::MovingCamera() : camera_(PinholeTestCamera()) {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> x(-4, 16), y(-2.5, 2.5), z(3, 6);
   for (int i = 0; i < 700; ++i) {

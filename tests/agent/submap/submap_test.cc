@@ -5,6 +5,7 @@
 #include "agent/submap/submap_builder.h"
 #include "agent/submap/tracking_health.h"
 #include "tests/support/matchers.h"
+#include "tests/support/test_cameras.h"
 
 namespace portolan {
 namespace {
@@ -12,16 +13,6 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
-
-CameraModel TestCamera() {
-  CameraIntrinsics intrinsics;
-  intrinsics.width_px = 640;
-  intrinsics.height_px = 480;
-  intrinsics.fx_px = intrinsics.fy_px = 500;
-  intrinsics.cx_px = 320;
-  intrinsics.cy_px = 240;
-  return CameraModel::Create(intrinsics).value();
-}
 
 // A wall of points two units before the start, seen from a pose.
 std::vector<TrackedPoint> SeeWall(const CameraModel& camera, const Rigid3& world_from_camera) {
@@ -47,7 +38,7 @@ class KeyframeSelectorTest : public ::testing::Test {
     return selector_.IsDue(FromSeconds(time_s), pose, SeeWall(camera_, pose));
   }
 
-  const CameraModel camera_ = TestCamera();
+  const CameraModel camera_ = PinholeTestCamera();
   KeyframeSelectorOptions options_;
   KeyframeSelector selector_{options_, camera_};
 

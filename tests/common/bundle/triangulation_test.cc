@@ -4,21 +4,13 @@
 
 #include <random>
 
+#include "tests/support/test_cameras.h"
+
 namespace portolan {
 namespace {
 
 class Triangulation : public ::testing::Test {
  protected:
-  static CameraModel MakeCamera() {
-    CameraIntrinsics intrinsics;
-    intrinsics.width_px = 640;
-    intrinsics.height_px = 480;
-    intrinsics.fx_px = intrinsics.fy_px = 500;
-    intrinsics.cx_px = 320;
-    intrinsics.cy_px = 240;
-    return CameraModel::Create(intrinsics).value();
-  }
-
   // Cameras along x that see `point`.
   std::vector<TrackSight> Sights(const Eigen::Vector3d& point, int count, double step) const {
     std::vector<TrackSight> sights;
@@ -29,7 +21,7 @@ class Triangulation : public ::testing::Test {
     return sights;
   }
 
-  const CameraModel camera_ = MakeCamera();
+  const CameraModel camera_ = PinholeTestCamera();
   const TriangulationOptions options_;
 };
 

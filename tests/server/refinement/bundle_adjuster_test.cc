@@ -6,7 +6,7 @@
 #include <memory>
 #include <random>
 
-#include "tests/support/submap_test_camera.h"
+#include "tests/support/test_cameras.h"
 
 namespace portolan {
 namespace {

@@ -6,22 +6,13 @@
 #include <random>
 
 #include "server/refinement/bundle_adjuster.h"
+#include "tests/support/test_cameras.h"
 
 namespace portolan {
 namespace {
 
 class BundleCovarianceTest : public ::testing::Test {
  protected:
-  static CameraModel MakeCamera() {
-    CameraIntrinsics intrinsics;
-    intrinsics.width_px = 640;
-    intrinsics.height_px = 480;
-    intrinsics.fx_px = intrinsics.fy_px = 500;
-    intrinsics.cx_px = 320;
-    intrinsics.cy_px = 240;
-    return CameraModel::Create(intrinsics).value();
-  }
-
   // Cameras along x over a field of points; exact, or with pixel noise of sigma.
   BundleProblem MakeProblem(double sigma, uint32_t seed) const {
     std::mt19937 random(seed);
@@ -49,7 +40,7 @@ class BundleCovarianceTest : public ::testing::Test {
     return problem;
   }
 
-  const CameraModel camera_ = MakeCamera();
+  const CameraModel camera_ = PinholeTestCamera();
 };
 
 TEST_F(BundleCovarianceTest, BlocksOfTheJointAreTheMarginals) {
