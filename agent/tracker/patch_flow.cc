@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <limits>
 
+#include "common/base/vector_clones.h"
+
 namespace portolan {
 namespace {
 
@@ -41,21 +43,24 @@ Lattice LatticeAt(const Eigen::Vector2f& pixel, int before) {
   return {(x >> kWeightBits) - before, (y >> kWeightBits) - before, x & (kOne - 1), y & (kOne - 1)};
 }
 
-// Bilinear samples of an N x N window whose fraction is the same for all pixels.
+// Bilinear samples of an N x N window whose fraction is the same for all pixels. First along the
+// rows, within 16 bits, then between them.
 template <int N>
-bool Sample(const PyramidLevel& level, const Lattice& at, int16_t* out) {
+PORTOLAN_INLINE bool Sample(const PyramidLevel& level, const Lattice& at, int16_t* out) {
   if (!level.Holds(at.x, at.y, at.x + N, at.y + N)) return false;
   constexpr int kOne = 1 << kWeightBits;
-  const int w11 = at.wx * at.wy, w10 = at.wx * kOne - w11, w01 = kOne * at.wy - w11;
-  const int w00 = kOne * kOne - w10 - w01 - w11;
   constexpr int kHalf = 1 << (kSampleShift - 1);
-  for (int v = 0; v < N; ++v) {
-    const uint8_t* top = level.At(at.x, at.y + v);
-    const uint8_t* bottom = top + level.stride;
+  const int16_t right = static_cast<int16_t>(at.wx), left = static_cast<int16_t>(kOne - at.wx);
+  const int16_t below = static_cast<int16_t>(at.wy), above = static_cast<int16_t>(kOne - at.wy);
+  int16_t rows[(N + 1) * N];
+  for (int v = 0; v <= N; ++v) {
+    const uint8_t* row = level.At(at.x, at.y + v);
     for (int u = 0; u < N; ++u) {
-      const int value = w00 * top[u] + w10 * top[u + 1] + w01 * bottom[u] + w11 * bottom[u + 1];
-      out[v * N + u] = static_cast<int16_t>((value + kHalf) >> kSampleShift);
+      rows[v * N + u] = static_cast<int16_t>(left * row[u] + right * row[u + 1]);
     }
+  }
+  for (int i = 0; i < N * N; ++i) {
+    out[i] = static_cast<int16_t>((above * rows[i] + below * rows[i + N] + kHalf) >> kSampleShift);
   }
   return true;
 }
@@ -69,7 +74,8 @@ struct Template {
   float inverse_xx = 0, inverse_xy = 0, inverse_yy = 0;
 };
 
-bool MakeTemplate(const PyramidLevel& level, const Eigen::Vector2f& pixel, Template* t) {
+PORTOLAN_INLINE bool MakeTemplate(const PyramidLevel& level, const Eigen::Vector2f& pixel,
+                                  Template* t) {
   constexpr int kGrown = kSize + 2;
   int16_t grown[kGrown * kGrown];
   if (!Sample<kGrown>(level, LatticeAt(pixel, kBefore + 1), grown)) return false;
@@ -108,8 +114,8 @@ struct Residual {
   float energy = 0;      // sum of squares of the mean-free difference
 };
 
-bool Evaluate(const PyramidLevel& level, const Template& t, const Eigen::Vector2f& pixel,
-              Residual* residual) {
+PORTOLAN_INLINE bool Evaluate(const PyramidLevel& level, const Template& t,
+                              const Eigen::Vector2f& pixel, Residual* residual) {
   int16_t window[kArea];
   if (!Sample<kSize>(level, LatticeAt(pixel, kBefore), window)) return false;
   int sum = 0, bx = 0, by = 0, squares = 0;
@@ -128,8 +134,8 @@ bool Evaluate(const PyramidLevel& level, const Template& t, const Eigen::Vector2
 }
 
 // One level; `pixel` holds the start and then the result. False if it could not be improved.
-bool TrackLevel(const PyramidLevel& from, const PyramidLevel& to, const Eigen::Vector2f& origin,
-                Eigen::Vector2f* pixel) {
+PORTOLAN_VECTOR_CLONES bool TrackLevel(const PyramidLevel& from, const PyramidLevel& to,
+                                       const Eigen::Vector2f& origin, Eigen::Vector2f* pixel) {
   Template t;
   if (!MakeTemplate(from, origin, &t)) return false;
   Eigen::Vector2f at = *pixel;
@@ -151,8 +157,9 @@ bool TrackLevel(const PyramidLevel& from, const PyramidLevel& to, const Eigen::V
 }
 
 // The start with the least residual at one level.
-Eigen::Vector2f BestStart(const PyramidLevel& from, const PyramidLevel& to, float scale,
-                          const Eigen::Vector2f& origin, std::span<const Eigen::Vector2d> starts) {
+PORTOLAN_VECTOR_CLONES Eigen::Vector2f BestStart(const PyramidLevel& from, const PyramidLevel& to,
+                                                 float scale, const Eigen::Vector2f& origin,
+                                                 std::span<const Eigen::Vector2d> starts) {
   Eigen::Vector2f best = starts.front().cast<float>();
   Template t;
   if (starts.size() == 1 || !MakeTemplate(from, origin * scale, &t)) return best;

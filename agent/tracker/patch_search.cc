@@ -6,12 +6,17 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/base/vector_clones.h"
+
 namespace portolan {
 namespace {
 
 constexpr int kHalf = 4;
 constexpr int kSide = 2 * kHalf + 1;
 constexpr int kArea = kSide * kSide;
+// Rows of the window as they are stored and multiplied, zero beyond kSide: whole vectors.
+constexpr int kRow = 16;
+static_assert(kRow - kHalf <= kPyramidPaddingPx, "rows are read this far beyond the pixel");
 // Places worth an alignment: their number, and the correlation before it.
 constexpr size_t kMaxCandidates = 4;
 constexpr float kMinCandidateCorrelation = 0.5f;
@@ -19,7 +24,7 @@ constexpr double kSeparationPx = 3.0;
 
 // The patch as it should look in the image, mean-free, in units of 1/8 grey level.
 struct Window {
-  int16_t value[kArea];
+  int16_t value[kSide * kRow] = {};
   float energy = 0.0f;
 };
 
@@ -33,23 +38,25 @@ std::optional<Window> MakeWindow(const ReferencePatch& reference,
   values -= values.mean();
   Window window;
   for (int i = 0; i < kArea; ++i) {
-    window.value[i] = static_cast<int16_t>(std::lround(8.0f * values[i]));
-    window.energy += static_cast<float>(window.value[i]) * window.value[i];
+    const int16_t value = static_cast<int16_t>(std::lround(8.0f * values[i]));
+    window.value[i / kSide * kRow + i % kSide] = value;
+    window.energy += static_cast<float>(value) * value;
   }
   if (window.energy < 64.0f * kArea) return std::nullopt;
   return window;
 }
 
 // The window is mean-free up to rounding, so the image's mean drops out of the product.
-float CorrelationAt(const PyramidLevel& level, const Window& window, int x, int y) {
+PORTOLAN_INLINE float CorrelationAt(const PyramidLevel& level, const Window& window, int x, int y) {
+  static constexpr int16_t kMask[kRow] = {-1, -1, -1, -1, -1, -1, -1, -1, -1};
   int sum = 0, squares = 0, product = 0;
   for (int v = 0; v < kSide; ++v) {
     const uint8_t* row = level.At(x - kHalf, y + v - kHalf);
-    for (int u = 0; u < kSide; ++u) {
-      const int16_t value = row[u];
+    for (int u = 0; u < kRow; ++u) {
+      const int16_t value = static_cast<int16_t>(row[u] & kMask[u]);
       sum += value;
       squares += value * value;
-      product += value * window.value[v * kSide + u];
+      product += value * window.value[v * kRow + u];
     }
   }
   const float energy = squares - static_cast<float>(sum) * sum / kArea;
@@ -79,6 +86,7 @@ std::vector<Candidate> BestSeparated(std::vector<Candidate> all) {
   return best;
 }
 
+PORTOLAN_VECTOR_CLONES
 std::vector<Candidate> Scan(const PyramidLevel& level, const Window& window,
                             const Eigen::Vector2d& centre, const Eigen::Matrix2d& covariance,
                             double max_radius) {

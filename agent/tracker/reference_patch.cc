@@ -4,7 +4,12 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#include "common/base/vector_clones.h"
 
 namespace portolan {
 namespace {
@@ -23,6 +28,84 @@ constexpr double kMaxShiftPx = 4.0;
 constexpr double kMinScale = 0.3, kMaxScale = 6.0, kMaxAspect = 3.0;
 // Largest gain of brightness between reference and image, and its inverse.
 constexpr float kMaxGain = 4.0f;
+
+// Of two bytes that were read from memory as one number.
+PORTOLAN_INLINE int FirstByte(int pair) {
+  return std::endian::native == std::endian::little ? pair & 255 : pair >> 8;
+}
+PORTOLAN_INLINE int SecondByte(int pair) {
+  return std::endian::native == std::endian::little ? pair >> 8 : pair & 255;
+}
+
+// A lattice of pixels in an image: pixel (u, v) lies at origin + u * step_u + v * step_v, in units
+// of 2^-16 px.
+struct Lattice {
+  int x, y;
+  int x_u, y_u;
+  int x_v, y_v;
+};
+
+// Bilinear samples of a kSide x kSide lattice, whose pixels and their neighbours must be readable,
+// with eight binary digits of the fractions.
+template <int kSide>
+PORTOLAN_INLINE void SampleLattice(const PyramidLevel& level, const Lattice& lattice,
+                                   float* values) {
+  constexpr int kArea = kSide * kSide;
+  // Two neighbours in the row, and those below, as they follow each other in memory.
+  int top[kArea], bottom[kArea], fraction_x[kArea], fraction_y[kArea];
+  for (int i = 0, v = 0; v < kSide; ++v) {
+    int x = lattice.x + v * lattice.x_v, y = lattice.y + v * lattice.y_v;
+#pragma GCC unroll 1
+    for (int u = 0; u < kSide; ++u, ++i, x += lattice.x_u, y += lattice.y_u) {
+      const uint8_t* pixel = level.At(x >> 16, y >> 16);
+      uint16_t pair;
+      std::memcpy(&pair, pixel, sizeof(pair));
+      top[i] = pair;
+      std::memcpy(&pair, pixel + level.stride, sizeof(pair));
+      bottom[i] = pair;
+      fraction_x[i] = (x >> 8) & 255;
+      fraction_y[i] = (y >> 8) & 255;
+    }
+  }
+  for (int i = 0; i < kArea; ++i) {
+    const int a0 = FirstByte(top[i]), b0 = FirstByte(bottom[i]);
+    const int a = (a0 << 8) + fraction_x[i] * (SecondByte(top[i]) - a0);
+    const int b = (b0 << 8) + fraction_x[i] * (SecondByte(bottom[i]) - b0);
+    values[i] = static_cast<float>((a << 8) + fraction_y[i] * (b - a)) * (1.0f / 65536.0f);
+  }
+}
+
+// Products of the samples with eight columns, and the sum of their weighted squares.
+PORTOLAN_INLINE void AddProducts(const float* values, const float* table, const float* weights,
+                                 int count, float* columns, float* squares) {
+  float even[8] = {}, odd[8] = {}, square[8] = {};
+  int i = 0;
+  for (; i + 8 <= count; i += 8) {
+    for (int k = 0; k < 8; k += 2) {
+      for (int c = 0; c < 8; ++c) even[c] += table[8 * (i + k) + c] * values[i + k];
+      for (int c = 0; c < 8; ++c) odd[c] += table[8 * (i + k + 1) + c] * values[i + k + 1];
+    }
+    for (int k = 0; k < 8; ++k) square[k] += weights[i + k] * values[i + k] * values[i + k];
+  }
+  for (; i < count; ++i) {
+    for (int c = 0; c < 8; ++c) even[c] += table[8 * i + c] * values[i];
+    square[0] += weights[i] * values[i] * values[i];
+  }
+  *squares = 0.0f;
+  for (int c = 0; c < 8; ++c) {
+    columns[c] = even[c] + odd[c];
+    *squares += square[c];
+  }
+}
+
+template <int kSide>
+PORTOLAN_VECTOR_CLONES void SampleProducts(const PyramidLevel& level, const Lattice& lattice,
+                                           const float* table, const float* weights, float* columns,
+                                           float* squares) {
+  float values[kSide * kSide];
+  SampleLattice<kSide>(level, lattice, values);
+  AddProducts(values, table, weights, kSide * kSide, columns, squares);
+}
 
 }  // namespace
 
@@ -107,8 +190,7 @@ bool ReferencePatch::ComputeTables() {
 std::optional<ReferencePatch::Products> ReferencePatch::Sample(const PyramidLevel& level,
                                                                const PatchPose& pose,
                                                                double scale) const {
-  constexpr int kBits = 16;
-  constexpr double kOne = 1 << kBits;
+  constexpr double kOne = 1 << 16;
   const Eigen::Matrix2d step = pose.affine * scale;
   const Eigen::Vector2d reach =
       step.cwiseAbs() * Eigen::Vector2d::Constant(kHalfPx + 1.0) + Eigen::Vector2d::Constant(1.5);
@@ -122,30 +204,11 @@ std::optional<ReferencePatch::Products> ReferencePatch::Sample(const PyramidLeve
   const Eigen::Vector2d corner =
       centre - step * (fraction_.cast<double>() + Eigen::Vector2d::Constant(kHalfPx));
   const auto fixed = [](double v) { return static_cast<int>(std::lround(v * kOne)); };
-  const int xu = fixed(step(0, 0)), xv = fixed(step(0, 1));
-  const int yu = fixed(step(1, 0)), yv = fixed(step(1, 1));
-  int row_x = fixed(corner.x()), row_y = fixed(corner.y());
-  using Array4 = Eigen::Array4f;
-  Array4 low = Array4::Zero(), high = Array4::Zero();
-  float squares = 0.0f;
-  for (int i = 0, v = 0; v < kSide; ++v, row_x += xv, row_y += yv) {
-    int x = row_x, y = row_y;
-    for (int u = 0; u < kSide; ++u, ++i, x += xu, y += yu) {
-      const uint8_t* p = level.At(x >> kBits, y >> kBits);
-      const uint8_t* q = p + level.stride;
-      const int fx = (x >> 8) & 255, fy = (y >> 8) & 255;
-      const int top = (p[0] << 8) + fx * (p[1] - p[0]);
-      const int bottom = (q[0] << 8) + fx * (q[1] - q[0]);
-      const float value = static_cast<float>((top << 8) + fy * (bottom - top)) * (1.0f / 65536.0f);
-      const float* row = table_.data() + 8 * i;
-      low += Eigen::Map<const Array4>(row) * value;
-      high += Eigen::Map<const Array4>(row + 4) * value;
-      squares += weight_[i] * value * value;
-    }
-  }
+  const Lattice lattice = {fixed(corner.x()), fixed(corner.y()), fixed(step(0, 0)),
+                           fixed(step(1, 0)), fixed(step(0, 1)), fixed(step(1, 1))};
   Products products;
-  products.columns << low, high;
-  products.squares = squares;
+  SampleProducts<kSide>(level, lattice, table_.data(), weight_.data(), products.columns.data(),
+                        &products.squares);
   return products;
 }
 

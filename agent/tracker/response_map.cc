@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "common/base/vector_clones.h"
+
 namespace portolan {
 namespace {
 
@@ -34,8 +36,8 @@ struct Products {
 };
 
 // Sobel gradient products of a row of `width` pixels.
-void RowProducts(const int16_t* above, const int16_t* row, const int16_t* below, int width,
-                 int32_t* xx, int32_t* xy, int32_t* yy) {
+PORTOLAN_INLINE void RowProducts(const int16_t* above, const int16_t* row, const int16_t* below,
+                                 int width, int32_t* xx, int32_t* xy, int32_t* yy) {
   for (int x = 0; x < width; ++x) {
     // 16 bits on purpose: every vector unit multiplies these, but not 32-bit integers.
     const int16_t gx =
@@ -50,7 +52,7 @@ void RowProducts(const int16_t* above, const int16_t* row, const int16_t* below,
 
 // The window is a triangle, 1 2 3 4 3 2 1 in each direction: with equal weights the response has
 // plateaus and its maxima jump about. `step` is the distance of successive window elements.
-void AddWindow(const int32_t* in, ptrdiff_t step, int width, int32_t* out) {
+PORTOLAN_INLINE void AddWindow(const int32_t* in, ptrdiff_t step, int width, int32_t* out) {
   for (int x = 0; x < width; ++x) {
     const int32_t* p = in + x;
     const int32_t inner = p[2 * step] + p[3 * step] + p[4 * step];
@@ -59,8 +61,8 @@ void AddWindow(const int32_t* in, ptrdiff_t step, int width, int32_t* out) {
   }
 }
 
-void Respond(const int32_t* xx, const int32_t* xy, const int32_t* yy, int width,
-             CornerMeasure measure, float* out) {
+PORTOLAN_INLINE void Respond(const int32_t* xx, const int32_t* xy, const int32_t* yy, int width,
+                             CornerMeasure measure, float* out) {
   constexpr float kUnit = 1.0f / (kWindowSum * kWindowSum * kGradientUnit * kGradientUnit);
   for (int x = 0; x < width; ++x) {
     const float a = kUnit * xx[x], b = kUnit * xy[x], c = kUnit * yy[x];
@@ -72,6 +74,7 @@ void Respond(const int32_t* xx, const int32_t* xy, const int32_t* yy, int width,
 
 }  // namespace
 
+PORTOLAN_VECTOR_CLONES
 std::vector<float> ComputeResponse(const cv::Mat& gray, const cv::Rect& area,
                                    CornerMeasure measure) {
   const int grown_width = area.width + 2 * (kHalfWindow + 1);
