@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <chrono>
-#include <opencv2/videoio.hpp>
 #include <utility>
 
 #include "absl/strings/numbers.h"
+#include "agent/image_source/media_library.h"
 #include "agent/image_source/playback_source.h"
 #include "agent/image_source/video_stream.h"
 #include "common/base/concat.h"
@@ -17,19 +17,15 @@ constexpr std::string_view kDevicePrefix = "/dev/video";
 
 class CameraGrabber : public FrameGrabber {
  public:
-  CameraGrabber(int device, cv::VideoCapture capture)
-      : device_(device), capture_(std::move(capture)) {}
+  CameraGrabber(int device, std::unique_ptr<VideoReader> reader)
+      : device_(device), reader_(std::move(reader)) {}
 
   StatusOr<std::pair<Timestamp, cv::Mat>> Grab() override {
-    cv::Mat image;
-    try {
-      if (!capture_.grab()) return Gone();
-      const Timestamp time = std::chrono::system_clock::now().time_since_epoch();
-      if (!capture_.retrieve(image)) return Gone();
-      return std::pair(time, std::move(image));
-    } catch (const cv::Exception&) {
-      return Gone();
-    }
+    if (!reader_->Grab()) return Gone();
+    const Timestamp time = std::chrono::system_clock::now().time_since_epoch();
+    cv::Mat image = reader_->Retrieve();
+    if (image.empty()) return Gone();
+    return std::pair(time, std::move(image));
   }
 
  private:
@@ -39,7 +35,7 @@ class CameraGrabber : public FrameGrabber {
   }
 
   const int device_;
-  cv::VideoCapture capture_;
+  std::unique_ptr<VideoReader> reader_;
 };
 
 }  // namespace
@@ -58,20 +54,13 @@ std::optional<int> ParseDevice(const std::string& path) {
 StatusOr<std::unique_ptr<FrameGrabber>> OpenCameraGrabber(int device,
                                                           const CameraIntrinsics& intrinsics,
                                                           double frame_rate_hz) {
-  try {
-    cv::VideoCapture capture;
-    if (!capture.open(device, cv::CAP_V4L2)) {
-      return absl::NotFoundError(Concat("camera device ", device, ": cannot be opened"));
-    }
-    capture.set(cv::CAP_PROP_FRAME_WIDTH, intrinsics.width_px);
-    capture.set(cv::CAP_PROP_FRAME_HEIGHT, intrinsics.height_px);
-    if (frame_rate_hz > 0) capture.set(cv::CAP_PROP_FPS, frame_rate_hz);
-    capture.set(cv::CAP_PROP_BUFFERSIZE, 1);
-    return std::unique_ptr<FrameGrabber>(
-        std::make_unique<CameraGrabber>(device, std::move(capture)));
-  } catch (const cv::Exception& exception) {
-    return absl::NotFoundError(Concat("camera device ", device, ": ", exception.msg));
+  PORTOLAN_ASSIGN_OR_RETURN(MediaLibrary * library, LoadMediaLibrary());
+  std::unique_ptr<VideoReader> reader =
+      library->OpenCamera(device, {intrinsics.width_px, intrinsics.height_px, frame_rate_hz});
+  if (reader == nullptr) {
+    return absl::NotFoundError(Concat("camera device ", device, ": cannot be opened"));
   }
+  return std::make_unique<CameraGrabber>(device, std::move(reader));
 }
 
 DeviceSource::DeviceSource(const ImageSourceOptions& options, ImageSourceInfo info,

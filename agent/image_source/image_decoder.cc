@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <fstream>
-#include <opencv2/imgcodecs.hpp>
 #include <string>
 
 #include "absl/strings/ascii.h"
+#include "agent/image_source/image_codecs.h"
+#include "agent/image_source/media_library.h"
 #include "common/base/concat.h"
 
 namespace portolan {
@@ -20,11 +21,6 @@ constexpr std::streamoff kMaxFileBytes = 256 << 20;
 constexpr size_t kMaxPadding = 256;
 
 template <size_t kSize>
-bool StartsWith(const Bytes& bytes, const std::array<unsigned char, kSize>& magic) {
-  return bytes.size() >= kSize && std::equal(magic.begin(), magic.end(), bytes.begin());
-}
-
-template <size_t kSize>
 bool EndsWithNear(const Bytes& bytes, const std::array<unsigned char, kSize>& marker) {
   const auto begin = bytes.end() - std::min(bytes.size(), kMaxPadding + kSize);
   return std::search(begin, bytes.end(), marker.begin(), marker.end()) != bytes.end();
@@ -32,10 +28,8 @@ bool EndsWithNear(const Bytes& bytes, const std::array<unsigned char, kSize>& ma
 
 // Whether a JPEG or PNG lacks its end marker; other formats are left to the decoder.
 bool IsTruncated(const Bytes& bytes) {
-  if (StartsWith<3>(bytes, {0xff, 0xd8, 0xff})) return !EndsWithNear<2>(bytes, {0xff, 0xd9});
-  if (StartsWith<4>(bytes, {0x89, 'P', 'N', 'G'})) {
-    return !EndsWithNear<4>(bytes, {'I', 'E', 'N', 'D'});
-  }
+  if (IsJpeg(bytes)) return !EndsWithNear<2>(bytes, {0xff, 0xd9});
+  if (IsPng(bytes)) return !EndsWithNear<4>(bytes, {'I', 'E', 'N', 'D'});
   return false;
 }
 
@@ -57,17 +51,23 @@ Status ReadBytes(const std::filesystem::path& path, Bytes* bytes) {
   return absl::OkStatus();
 }
 
+// Empty if they are no image.
+StatusOr<cv::Mat> Decode(const Bytes& bytes) {
+  if (IsPng(bytes)) return DecodePngGray(bytes);
+  if (IsJpeg(bytes)) {
+    const cv::Mat gray = DecodeJpegGray(bytes);
+    if (!gray.empty()) return gray;
+  }
+  PORTOLAN_ASSIGN_OR_RETURN(MediaLibrary * library, LoadMediaLibrary());
+  return library->DecodeGray(bytes);
+}
+
 }  // namespace
 
 StatusOr<cv::Mat> ImageDecoder::DecodeGray(const std::filesystem::path& path) {
   PORTOLAN_RETURN_IF_ERROR(ReadBytes(path, &bytes_));
   if (IsTruncated(bytes_)) return absl::DataLossError(Concat(path, ": image is truncated"));
-  cv::Mat gray;
-  try {
-    gray = cv::imdecode(bytes_, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-  } catch (const cv::Exception& exception) {
-    return absl::DataLossError(Concat(path, ": image cannot be decoded: ", exception.msg));
-  }
+  PORTOLAN_ASSIGN_OR_RETURN(const cv::Mat gray, Decode(bytes_));
   if (gray.empty() || gray.type() != CV_8UC1) {
     return absl::DataLossError(Concat(path, ": is damaged or no image"));
   }

@@ -7,7 +7,7 @@ namespace portolan {
 namespace {
 
 // After so many warnings only the counts go on.
-constexpr int64_t kMaxWarnings = 5;
+constexpr int64_t kMaxOrderWarnings = 5;
 // What the wire takes (proto/submap.proto): 73 years since the clock's epoch.
 constexpr Timestamp kLastTime{(int64_t{1} << 61) - 1};
 
@@ -37,7 +37,7 @@ StatusOr<bool> TimeOrder::Take(Timestamp time, std::optional<Timestamp> next,
     in_row_ = 0;
     return true;
   }
-  if (++skipped_ <= kMaxWarnings) LogWarning(name, ": ", objection, "; skipped");
+  if (++skipped_ <= kMaxOrderWarnings) LogWarning(name, ": ", objection, "; skipped");
   if (++in_row_ <= max_in_row_) return false;
   return absl::FailedPreconditionError(Concat(
       name, ": ", objection, ", nor were those of the ", max_in_row_,

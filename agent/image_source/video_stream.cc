@@ -34,21 +34,16 @@ StatusOr<std::unique_ptr<VideoStream>> VideoStream::Open(const std::string& path
   if (!std::filesystem::exists(path, error)) {
     return absl::NotFoundError(Concat(path, ": does not exist"));
   }
+  PORTOLAN_ASSIGN_OR_RETURN(MediaLibrary * library, LoadMediaLibrary());
   std::unique_ptr<VideoStream> stream(new VideoStream);
   stream->path_ = path;
-  try {
-    // Named, since the others that OpenCV would try are for devices, slow, and leak.
-    if (!stream->capture_.open(path, cv::CAP_FFMPEG) &&
-        !stream->capture_.open(path, cv::CAP_OPENCV_MJPEG)) {
-      return absl::InvalidArgumentError(Concat(path, ": is not a video that can be decoded"));
-    }
-    stream->frame_rate_hz_ =
-        frame_rate_hz > 0 ? frame_rate_hz : stream->capture_.get(cv::CAP_PROP_FPS);
-    const double count = stream->capture_.get(cv::CAP_PROP_FRAME_COUNT);
-    if (count > 0 && count < 1e12) stream->frame_count_ = std::llround(count);
-  } catch (const cv::Exception& exception) {
-    return absl::InvalidArgumentError(Concat(path, ": ", exception.msg));
+  stream->reader_ = library->OpenVideo(path);
+  if (stream->reader_ == nullptr) {
+    return absl::InvalidArgumentError(Concat(path, ": is not a video that can be decoded"));
   }
+  stream->frame_rate_hz_ = frame_rate_hz > 0 ? frame_rate_hz : stream->reader_->FrameRateHz();
+  const double count = stream->reader_->FrameCount();
+  if (count > 0 && count < 1e12) stream->frame_count_ = std::llround(count);
   if (!(stream->frame_rate_hz_ > 0 && stream->frame_rate_hz_ <= 10000)) {
     return absl::InvalidArgumentError(
         Concat(path, ": does not state its frame rate; give --source.frame_rate_hz"));
@@ -57,11 +52,7 @@ StatusOr<std::unique_ptr<VideoStream>> VideoStream::Open(const std::string& path
 }
 
 std::optional<FrameHeader> VideoStream::Advance() {
-  try {
-    if (!capture_.grab()) return std::nullopt;
-  } catch (const cv::Exception&) {
-    return std::nullopt;
-  }
+  if (!reader_->Grab()) return std::nullopt;
   FrameHeader header;
   header.index = next_++;
   header.time = FromSeconds(static_cast<double>(header.index) / frame_rate_hz_);
@@ -71,13 +62,7 @@ std::optional<FrameHeader> VideoStream::Advance() {
 }
 
 StatusOr<FrameImages> VideoStream::Decode() {
-  cv::Mat image;
-  try {
-    if (!capture_.retrieve(image)) image.release();
-  } catch (const cv::Exception&) {
-    image.release();
-  }
-  const StatusOr<cv::Mat> gray = ToGray(image);
+  const StatusOr<cv::Mat> gray = ToGray(reader_->Retrieve());
   if (!gray.ok()) {
     return absl::DataLossError(Concat(
         path_, " frame ", next_ - 1, " cannot be decoded: ", std::string(gray.status().message())));

@@ -3,10 +3,11 @@
 #define PORTOLAN_AGENT_IMAGE_SOURCE_VIDEO_STREAM_H_
 
 #include <memory>
-#include <opencv2/videoio.hpp>
+#include <opencv2/core/mat.hpp>
 #include <string>
 
 #include "agent/image_source/frame_stream.h"
+#include "agent/image_source/media_library.h"
 
 namespace portolan {
 
@@ -27,7 +28,7 @@ class VideoStream : public FrameStream {
   VideoStream() = default;
 
   std::string path_;
-  cv::VideoCapture capture_;
+  std::unique_ptr<VideoReader> reader_;
   double frame_rate_hz_ = 0;
   int64_t frame_count_ = 0;
   int64_t next_ = 0;

@@ -1,6 +1,7 @@
 #include "agent/image_source/image_decoder.h"
 
 #include <fstream>
+#include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
 #include "tests/agent/image_source/test_images.h"
@@ -61,6 +62,51 @@ TEST_P(ImageDecoderTest, TruncatedFileIsDataLoss) {
 
 INSTANTIATE_TEST_SUITE_P(Formats, ImageDecoderTest, testing::Values(".png", ".jpg", ".pgm"),
                          [](const auto& info) { return std::string(info.param + 1); });
+
+// The pixels of OpenCV's own decoder.
+TEST(ImageDecoder, PixelsAreThoseOfOpenCv) {
+  const TempDir dir;
+  ImageDecoder decoder;
+  cv::Mat deep;
+  Textured(1).convertTo(deep, CV_16U, 257.0, 3.0);
+  cv::Mat deep_colour;
+  Textured(3).convertTo(deep_colour, CV_16U, 200.0, 77.0);
+  const std::vector<std::pair<std::string, cv::Mat>> images = {
+      {"grey.png", Textured(1)},        {"colour.png", Textured(3)},
+      {"transparent.png", Textured(4)}, {"deep.png", deep},
+      {"deep_colour.png", deep_colour}, {"grey.jpg", Textured(1)},
+      {"colour.jpg", Textured(3)}};
+  for (const auto& [name, image] : images) {
+    const auto path = dir / name;
+    WriteImage(path, image);
+    const auto ours = decoder.DecodeGray(path);
+    ASSERT_THAT(ours, IsOk()) << name;
+    const cv::Mat theirs =
+        cv::imread(path.string(), cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    EXPECT_EQ(cv::norm(*ours, theirs, cv::NORM_INF), 0) << name;
+  }
+}
+
+// Every byte of a small file in turn: an image or an error, but no crash.
+TEST(ImageDecoder, DamagedBytesAreAnImageOrAnError) {
+  const TempDir dir;
+  ImageDecoder decoder;
+  for (const char* name : {"a.png", "a.jpg"}) {
+    WriteImage(dir / name, Textured(1)(cv::Rect(0, 0, 24, 16)).clone());
+    const std::string whole = ReadAll(dir / name);
+    int errors = 0;
+    for (size_t i = 4; i < whole.size(); ++i) {
+      std::string damaged = whole;
+      damaged[i] = static_cast<char>(damaged[i] ^ 0x55);
+      const auto image = decoder.DecodeGray(dir.Write(Concat("damaged", name), damaged));
+      if (!image.ok()) {
+        EXPECT_THAT(image, StatusIs(StatusCode::kDataLoss, HasSubstr(name)));
+        ++errors;
+      }
+    }
+    EXPECT_GT(errors, 10) << name;
+  }
+}
 
 TEST(ImageDecoder, MissingEmptyAndForeignFilesAreNamed) {
   const TempDir dir;
