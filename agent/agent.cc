@@ -64,6 +64,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(health.Validate());
   PORTOLAN_RETURN_IF_ERROR(imu.Validate());
   PORTOLAN_RETURN_IF_ERROR(odometry.Validate());
+  PORTOLAN_RETURN_IF_ERROR(stereo.Validate());
   PORTOLAN_RETURN_IF_ERROR(local_adjustment.Validate());
   if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
     return absl::InvalidArgumentError("min_tracks_share must be within 0 and 1");
@@ -73,10 +74,13 @@ Status AgentOptions::Validate() const {
 
 StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options,
                                                const CameraModel& camera, AgentId agent,
-                                               SessionId session, const MotionSensors& sensors) {
+                                               SessionId session, const VehicleSensors& sensors) {
   PORTOLAN_RETURN_IF_ERROR(options.Validate());
   if (sensors.imu && sensors.body_from_camera) {
     return absl::InvalidArgumentError("an agent takes an IMU or wheel odometry, not both");
+  }
+  if (sensors.imu && sensors.second_camera) {
+    return absl::InvalidArgumentError("an agent takes an IMU or a second camera, not both");
   }
   PORTOLAN_ASSIGN_OR_RETURN(auto tracker, Tracker::Create(options.tracker, camera));
   PORTOLAN_ASSIGN_OR_RETURN(
@@ -88,7 +92,7 @@ StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options,
 
 Agent::Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
              std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter,
-             const MotionSensors& sensors)
+             const VehicleSensors& sensors)
     : options_(options),
       camera_(camera),
       key_(key),
@@ -102,6 +106,9 @@ Agent::Agent(const AgentOptions& options, const CameraModel& camera, const Subma
       keyframe_selector_(options.keyframes, camera),
       builder_(options.submap),
       health_(options.health) {
+  if (sensors_.second_camera) {
+    stereo_.emplace(options_.stereo, camera_, *sensors_.second_camera);
+  }
   if (!sensors_.imu) return;
   initializer_.emplace(options_.imu.initializer, options_.imu.model, sensors_.imu->calibration,
                        sensors_.imu->imu_from_camera, camera_, &imu_samples_);
@@ -126,8 +133,11 @@ std::unique_ptr<MotionModel> Agent::MakeMotionModel() const {
   return std::make_unique<ConstantVelocityModel>(options_.motion);
 }
 
-StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray) {
-  PORTOLAN_RETURN_IF_ERROR(CheckFrame(time, gray));
+StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray,
+                                          const cv::Mat& second) {
+  PORTOLAN_RETURN_IF_ERROR(CheckFrame(time, gray, second));
+  has_second_image_ = stereo_ && !second.empty();
+  if (has_second_image_) stereo_->SetImages(gray, second);
   is_keyframe_ = begins_submap_ = found_scale_ = tracking_failed_ = false;
   std::optional<Submap> failed;
   if (tracking_ && health_.IsPauseTooLong(time - *last_time_)) failed = HandleFailure(time);
@@ -151,7 +161,7 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray) {
   return Report(tracked, CloseIfFull(time));
 }
 
-Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray) const {
+Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray, const cv::Mat& second) const {
   if (gray.type() != CV_8UC1) {
     return absl::InvalidArgumentError("the image is not 8-bit grey");
   }
@@ -160,6 +170,14 @@ Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray) const {
                                       std::to_string(gray.rows) + " px, the calibration is for " +
                                       std::to_string(camera_.width_px()) + "x" +
                                       std::to_string(camera_.height_px()) + " px");
+  }
+  if (sensors_.second_camera && !second.empty()) {
+    const CameraModel& camera = sensors_.second_camera->camera;
+    if (second.type() != CV_8UC1 || second.cols != camera.width_px() ||
+        second.rows != camera.height_px()) {
+      return absl::InvalidArgumentError(
+          "the second camera's image is not 8-bit grey of its calibration's size");
+    }
   }
   if (last_time_ && time <= *last_time_) {
     return absl::InvalidArgumentError("time " + std::to_string(ToSeconds(time)) +
@@ -170,7 +188,6 @@ Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray) const {
 }
 
 void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
-  filter_->Start(time, MakeMotionModel());
   inertial_ = false;
   if (initializer_) initializer_->Reset();
   landmarks_.Reset();
@@ -179,6 +196,8 @@ void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
   PORTOLAN_CHECK(tracker_->Track(gray, {}, Eigen::Quaterniond::Identity()).ok());
   tracker_->Detect();
   measured_ = 0;
+  if (stereo_ && !LearnDepthOfScene()) return;
+  filter_->Start(time, MakeMotionModel());
   Replenish(true);
   // An image without corners starts nothing; the next one is tried.
   tracking_ = landmarks_.count() >= options_.health.min_inliers;
@@ -186,6 +205,18 @@ void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
   OpenSubmap(link_);
   builder_.AddFrame(time, Rigid3::Identity());
   AddKeyframe(time);
+}
+
+bool Agent::LearnDepthOfScene() {
+  if (!has_second_image_) return false;
+  std::vector<MeasuredDepth> depths =
+      stereo_->Measure(MeasurementsOf(tracker_->points(), [](TrackId) { return true; }));
+  if (static_cast<int>(depths.size()) < options_.health.min_inliers) return false;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end(),
+                   [](const auto& a, const auto& b) { return a.inverse_depth < b.inverse_depth; });
+  filter_->TakeMetricDepths(middle->inverse_depth);
+  return true;
 }
 
 void Agent::TrackPoints(Timestamp time, const cv::Mat& gray) {
@@ -266,11 +297,26 @@ void Agent::Replenish(bool starting) {
   std::vector<MeasuredDepth> depths;
   if (!undelayed) depths = depths_.Measure(&chosen);
   Remove({landmarks_.MakeRoomFor(static_cast<int>(chosen.size())), {}});
-  filter_->AddLandmarks(
-      MeasurementsOf(tracker_->points(),
-                     [&chosen](TrackId track) { return Contains(chosen, track); }),
-      depths);
+  AddLandmarks(chosen, depths);
   landmarks_.Add(chosen);
+}
+
+void Agent::AddLandmarks(const std::vector<TrackId>& chosen,
+                         const std::vector<MeasuredDepth>& depths) {
+  std::vector<Measurement> points = MeasurementsOf(
+      tracker_->points(), [&chosen](TrackId track) { return Contains(chosen, track); });
+  if (!has_second_image_) {
+    filter_->AddLandmarks(points, depths);
+    return;
+  }
+  // Those that the second camera sees first: of the others their depths are all that is known.
+  const std::vector<MeasuredDepth> seen_twice = stereo_->Measure(points);
+  const auto rest = std::stable_partition(points.begin(), points.end(), [&](const Measurement& m) {
+    return std::any_of(seen_twice.begin(), seen_twice.end(),
+                       [&m](const MeasuredDepth& depth) { return depth.track == m.track; });
+  });
+  filter_->AddLandmarks({points.begin(), rest}, seen_twice);
+  filter_->AddLandmarks({rest, points.end()}, depths);
 }
 
 std::vector<TrackedPoint> Agent::UsablePoints() const {
@@ -301,7 +347,7 @@ void Agent::OpenSubmap(LinkType link) {
 
 std::optional<Submap> Agent::TakeSubmap(Submap submap, size_t min_keyframes) {
   if (submap.keyframes.size() < min_keyframes) return std::nullopt;
-  submap.metric = filter_->motion().metric();
+  submap.metric = filter_->metric();
   submap.gravity_in_submap = filter_->motion().gravity_in_submap();
   ++key_.sequence_number;
   return submap;
@@ -348,7 +394,7 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) con
   result.tracked = tracked;
   result.begins_submap = begins_submap_ || found_scale_;
   result.found_scale = found_scale_;
-  result.metric = filter_->motion().metric();
+  result.metric = filter_->metric();
   result.tracking_failed = tracking_failed_;
   result.landmarks_measured = measured_;
   result.tracks = static_cast<int>(tracker_->points().size());

@@ -18,6 +18,7 @@
 #include "agent/local_adjustment/local_adjustment.h"
 #include "agent/odometry/odometry_buffer.h"
 #include "agent/odometry/odometry_motion_model.h"
+#include "agent/stereo/stereo_matcher.h"
 #include "agent/submap/keyframe_selector.h"
 #include "agent/submap/submap_builder.h"
 #include "agent/submap/tracking_health.h"
@@ -48,11 +49,13 @@ struct ImuMount {
   Rigid3 imu_from_camera;
 };
 
-// What measures the vehicle's motion besides the camera: nothing, an IMU, or counted wheels.
-struct MotionSensors {
+// What a vehicle has besides its camera: nothing, or any of wheel odometry and a second camera, or
+// an IMU alone.
+struct VehicleSensors {
   std::optional<ImuMount> imu;
   // Of the wheel odometry: where the camera sits in the frame that it gives the pose of.
   std::optional<Rigid3> body_from_camera;
+  std::optional<StereoMount> second_camera;
 };
 
 struct AgentOptions {
@@ -68,6 +71,7 @@ struct AgentOptions {
   TrackingHealthOptions health;
   ImuOptions imu;
   OdometryOptions odometry;
+  StereoOptions stereo;
   LocalAdjustmentOptions local_adjustment;
   // New corners are looked for when fewer than this share of tracker.max_points is left, and at
   // every keyframe.
@@ -112,7 +116,7 @@ class Agent {
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options,
                                                  const CameraModel& camera, AgentId agent,
                                                  SessionId session,
-                                                 const MotionSensors& sensors = {});
+                                                 const VehicleSensors& sensors = {});
 
   // Samples on the camera's clock, in order of time; those up to an image's time come before the
   // image. Only for an agent with an IMU. With them the submaps become metric as soon as the motion
@@ -124,8 +128,10 @@ class Agent {
   const OdometryCounts& odometry_counts() const { return odometry_samples_.counts(); }
 
   // gray: CV_8UC1 of the camera's size. InvalidArgument if it is not, or if time does not
-  // increase; the frame is then ignored and the agent goes on.
-  StatusOr<FrameResult> ProcessImage(Timestamp time, const cv::Mat& gray);
+  // increase; the frame is then ignored and the agent goes on. second: likewise of the second
+  // camera, taken at the same instant; empty without one. With one the submaps are metric.
+  StatusOr<FrameResult> ProcessImage(Timestamp time, const cv::Mat& gray,
+                                     const cv::Mat& second = cv::Mat());
 
   // Takes the last frame as a keyframe and ends the open submap, if it is worth an upload.
   std::optional<Submap> Finish();
@@ -133,17 +139,20 @@ class Agent {
  private:
   Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
         std::unique_ptr<Tracker> tracker, std::unique_ptr<LocalFilter> filter,
-        const MotionSensors& sensors);
+        const VehicleSensors& sensors);
 
-  Status CheckFrame(Timestamp time, const cv::Mat& gray) const;
+  Status CheckFrame(Timestamp time, const cv::Mat& gray, const cv::Mat& second) const;
   std::unique_ptr<MotionModel> MakeMotionModel() const;
   void StartTracking(Timestamp time, const cv::Mat& gray);
+  // False if the second camera tells the depth of too few points to start.
+  bool LearnDepthOfScene();
   void TrackPoints(Timestamp time, const cv::Mat& gray);
   int UpdateFilter();
   // Without a scale yet: tries to learn it from the IMU and goes on with it.
   void SeekScale(Timestamp time);
   void Remove(const LandmarkRemovals& removals);
   void Replenish(bool starting);
+  void AddLandmarks(const std::vector<TrackId>& chosen, const std::vector<MeasuredDepth>& depths);
   void AddKeyframe(Timestamp time);
   void OpenSubmap(LinkType link);
   std::optional<Submap> CloseIfFull(Timestamp time);
@@ -161,11 +170,12 @@ class Agent {
   // Whether predecessor_from_submap_ is in the open submap's units.
   bool link_keeps_units_ = true;
   Rigid3 predecessor_from_submap_;
-  const MotionSensors sensors_;
+  const VehicleSensors sensors_;
   // The filter's motion model reads these.
   ImuBuffer imu_samples_;
   OdometryBuffer odometry_samples_;
   std::optional<InertialInitializer> initializer_;
+  std::optional<StereoMatcher> stereo_;
   std::unique_ptr<Tracker> tracker_;
   std::unique_ptr<LocalFilter> filter_;
   LandmarkManager landmarks_;
@@ -176,6 +186,8 @@ class Agent {
   std::vector<PredictedMeasurement> predicted_;
   int measured_ = 0;
   bool tracking_ = false;
+  // The present frame has a second image.
+  bool has_second_image_ = false;
   // The IMU has taken over since tracking began.
   bool inertial_ = false;
   // Of the present frame.

@@ -194,6 +194,19 @@ void AddLocalAdjustment(LocalAdjustmentOptions* options, OptionSection section) 
               "errors beyond this many weigh less");
 }
 
+void AddStereo(StereoOptions* options, OptionSection section) {
+  section.Add("nearest_m", &options->nearest_m, "m",
+              "nothing nearer is looked for in the second camera's image");
+  section.Add("min_correlation", &options->min_correlation, "",
+              "least normalised cross-correlation of the two cameras' views of a patch");
+  section.Add("max_epipolar_px", &options->max_epipolar_px, "px",
+              "a match farther than this from its epipolar curve is none");
+  section.Add("calibration_sigma_px", &options->calibration_sigma_px, "px",
+              "error of the cameras' calibration towards each other");
+  section.Add("pyramid_levels", &options->pyramid_levels, "levels",
+              "pyramid levels above the images for the search");
+}
+
 }  // namespace
 
 void AddAgentOptions(AgentOptions* options, OptionTable* table) {
@@ -207,6 +220,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddHealth(&options->health, table->Section("health"));
   AddImu(&options->imu, table->Section("imu"));
   AddOdometry(&options->odometry, table->Section("odometry"));
+  AddStereo(&options->stereo, table->Section("stereo"));
   AddLocalAdjustment(&options->local_adjustment, table->Section("local_adjustment"));
   table->Add("min_tracks_share", &options->min_tracks_share, "",
              "new corners are looked for when fewer than this share of the points is left");

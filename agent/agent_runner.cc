@@ -27,10 +27,32 @@ std::optional<Rigid3> PredecessorOf(const FrameResult& result) {
   return result.predecessor_from_submap;
 }
 
+// Where the second camera sits, which has to be known of both cameras in one frame.
+StatusOr<StereoMount> FindSecondCamera(const ImageSourceInfo& info) {
+  const auto& body_from_first = info.calibration.body_from_camera;
+  const auto& body_from_second = info.right_calibration->body_from_camera;
+  if (!body_from_first || !body_from_second) {
+    return absl::InvalidArgumentError(
+        "the cameras' calibrations do not say where they sit on the vehicle (T_BS), which depths "
+        "from two cameras need");
+  }
+  PORTOLAN_ASSIGN_OR_RETURN(const CameraModel camera,
+                            CameraModel::Create(info.right_calibration->intrinsics));
+  const Rigid3 second_from_first = body_from_second->Inverse() * *body_from_first;
+  if (!(second_from_first.translation.norm() > 1e-4)) {
+    return absl::InvalidArgumentError(
+        "by their calibrations both cameras sit at the same place: no depth can be told");
+  }
+  return StereoMount{camera, second_from_first};
+}
+
 // The sensors whose samples the source delivers.
-StatusOr<MotionSensors> FindMotionSensors(const ImageSource& source) {
-  MotionSensors sensors;
+StatusOr<VehicleSensors> FindSensors(const ImageSource& source) {
+  VehicleSensors sensors;
   const ImageSourceInfo& info = source.info();
+  if (info.right_calibration) {
+    PORTOLAN_ASSIGN_OR_RETURN(sensors.second_camera, FindSecondCamera(info));
+  }
   if (!info.imu_calibration && !info.has_odometry) return sensors;
   const auto& body_from_camera = source.calibration().body_from_camera;
   if (!body_from_camera) {
@@ -70,7 +92,7 @@ StatusOr<std::unique_ptr<AgentRunner>> AgentRunner::Create(const RunnerOptions& 
   const SessionId session = runner.session == 0 ? DrawSessionId() : SessionId(runner.session);
   PORTOLAN_ASSIGN_OR_RETURN(const CameraModel camera,
                             CameraModel::Create(source->calibration().intrinsics));
-  PORTOLAN_ASSIGN_OR_RETURN(const MotionSensors sensors, FindMotionSensors(*source));
+  PORTOLAN_ASSIGN_OR_RETURN(const VehicleSensors sensors, FindSensors(*source));
   PORTOLAN_ASSIGN_OR_RETURN(
       auto agent, Agent::Create(agent_options, camera, AgentId(runner.agent), session, sensors));
   std::unique_ptr<AgentRunner> result(new AgentRunner(runner, agent_options.local_adjustment,
@@ -181,7 +203,7 @@ void AgentRunner::FeedSensors(Timestamp time) {
 Status AgentRunner::ProcessFrame(const Frame& frame) {
   const auto start = std::chrono::steady_clock::now();
   FeedSensors(frame.time);
-  auto result = agent_->ProcessImage(frame.time, frame.gray);
+  auto result = agent_->ProcessImage(frame.time, frame.gray, frame.right);
   if (!result.ok()) {
     LogWarning(frame.name, ": ", result.status().message());
     ++summary_.skipped_frames;

@@ -42,6 +42,7 @@ LocalFilter::LocalFilter(const FilterOptions& options, const CameraModel& camera
       state_(std::move(motion), options.max_landmarks),
       kalman_(options.kalman, state_.max_dim(), options.max_landmarks),
       selector_(MakeInlierSelector(options)),
+      first_inverse_depth_(options.first_inverse_depth),
       median_inverse_depth_(options.first_inverse_depth) {
   candidates_.reserve(options.max_landmarks);
   matches_.reserve(options.max_landmarks);
@@ -51,7 +52,7 @@ LocalFilter::LocalFilter(const FilterOptions& options, const CameraModel& camera
 }
 
 void LocalFilter::Start(Timestamp time) {
-  median_inverse_depth_ = options_.first_inverse_depth;
+  median_inverse_depth_ = first_inverse_depth_;
   state_.Start(time, 1.0 / median_inverse_depth_);
   window_.clear();
   noise_is_fresh_ = false;
@@ -60,6 +61,11 @@ void LocalFilter::Start(Timestamp time) {
 void LocalFilter::Start(Timestamp time, std::unique_ptr<MotionModel> motion) {
   state_.ResetMotion(std::move(motion));
   Start(time);
+}
+
+void LocalFilter::TakeMetricDepths(double first_inverse_depth) {
+  metric_depths_ = true;
+  first_inverse_depth_ = first_inverse_depth;
 }
 
 void LocalFilter::ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change) {
@@ -275,6 +281,7 @@ void LocalFilter::UpdateMedianInverseDepth() {
 }
 
 void LocalFilter::FixScale() {
+  if (metric_depths_) return;
   const MeanDepth mean = MeanOfKnownDepths(state_, options_.known_depth_sigma_ratio);
   if (mean.count >= options_.min_known_depths) state_.FixScale(mean.d_log_d_state);
 }
@@ -297,8 +304,10 @@ LocalFilter::DepthPrior LocalFilter::PriorOfNewLandmarks() {
 LocalFilter::DepthPrior LocalFilter::WithMeasured(const DepthPrior& prior,
                                                   const MeasuredDepth& depth) {
   // A depth that was triangulated from the state's own motion has the state's error of scale.
-  DepthPrior result = prior;
-  result.d_depth_d_state *= depth.inverse_depth / prior.inverse_depth;
+  DepthPrior result;
+  if (!depth.is_metric) {
+    result.d_depth_d_state = prior.d_depth_d_state * (depth.inverse_depth / prior.inverse_depth);
+  }
   result.inverse_depth = depth.inverse_depth;
   result.sigma = depth.sigma;
   return result;

@@ -35,6 +35,9 @@ class LocalFilter {
   void Start(Timestamp time);
   // The same with another motion model.
   void Start(Timestamp time, std::unique_ptr<MotionModel> motion);
+  // From now on measured depths are metric, of a sensor, and so is the filter, whatever the motion
+  // model. A start then takes the scene to be this far, 1/m.
+  void TakeMetricDepths(double first_inverse_depth);
   // Goes on with another motion model, between two frames.
   void ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change);
   // Propagates to the time of a frame. Does nothing, and returns false, if time does not advance.
@@ -68,6 +71,8 @@ class LocalFilter {
   // Median over the landmarks in view of 1 / distance to the current camera, the scale of the
   // scene. If none is in view, or most are at infinity, the last good value.
   double median_inverse_depth() const { return median_inverse_depth_; }
+  // Lengths are metres.
+  bool metric() const { return metric_depths_ || state_.motion().metric(); }
   Timestamp time() const { return state_.motion().time(); }
 
   // True if the last divergence_window_frames updates show that the estimate is not to be trusted
@@ -144,7 +149,9 @@ class LocalFilter {
   std::vector<double> spreads_;
   std::vector<bool> out_of_view_;
   std::deque<FrameStatistics> window_;
+  double first_inverse_depth_;
   double median_inverse_depth_;
+  bool metric_depths_ = false;
   bool noise_is_fresh_ = false;
 };
 

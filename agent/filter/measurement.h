@@ -23,6 +23,9 @@ struct MeasuredDepth {
   TrackId track;
   double inverse_depth = 0;
   double sigma = 0;
+  // A sensor's own length, in metres, that owes nothing to the state; the filter's lengths are
+  // metric (LocalFilter::TakeMetricDepths).
+  bool is_metric = false;
 };
 
 // Where a landmark will be seen. The covariance includes a measurement noise of one pixel; the

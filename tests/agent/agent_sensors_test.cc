@@ -76,7 +76,7 @@ class AgentWithSensors : public testing::Test {
   }
 
   // Runs all images; poses of the connected chain that the last frame belongs to.
-  void Run(const MotionSensors& sensors) {
+  void Run(const VehicleSensors& sensors) {
     auto created = Agent::Create({}, RenderedCamera(), AgentId("tester"), SessionId(7), sensors);
     ASSERT_THAT(created, IsOk());
     agent_ = std::move(*created);
@@ -146,7 +146,7 @@ class AgentWithSensors : public testing::Test {
 };
 
 TEST_F(AgentWithSensors, ImuMakesTheSubmapsMetricAndUpright) {
-  Run({mount_, std::nullopt});
+  Run({mount_, std::nullopt, std::nullopt});
   ASSERT_FALSE(submaps_.empty());
   EXPECT_TRUE(results_.back().metric);
   EXPECT_GT(chain_.size(), images_.size() / 3);
@@ -166,7 +166,7 @@ TEST_F(AgentWithSensors, DamagedImuSamplesAreLeftOut) {
     imu_[i].gyro_rad_s.x() = std::numeric_limits<double>::quiet_NaN();
     imu_[i + 20].time = imu_[i].time;
   }
-  Run({mount_, std::nullopt});
+  Run({mount_, std::nullopt, std::nullopt});
   EXPECT_GT(agent_->imu_counts().not_finite, 5);
   EXPECT_GT(agent_->imu_counts().out_of_order, 5);
   EXPECT_TRUE(results_.back().metric);
@@ -175,7 +175,7 @@ TEST_F(AgentWithSensors, DamagedImuSamplesAreLeftOut) {
 
 TEST_F(AgentWithSensors, AnImuThatStopsLeavesTheCameraInCharge) {
   imu_.resize(imu_.size() * 7 / 10);
-  Run({mount_, std::nullopt});
+  Run({mount_, std::nullopt, std::nullopt});
   EXPECT_TRUE(results_.back().tracked);
   for (const FrameResult& result : results_) EXPECT_FALSE(result.tracking_failed);
   EXPECT_LT(RelativeError(), 0.05);
@@ -183,7 +183,7 @@ TEST_F(AgentWithSensors, AnImuThatStopsLeavesTheCameraInCharge) {
 
 TEST_F(AgentWithSensors, WithoutSamplesTheScaleStaysUnknown) {
   imu_.clear();
-  Run({mount_, std::nullopt});
+  Run({mount_, std::nullopt, std::nullopt});
   EXPECT_TRUE(results_.back().tracked);
   for (const Submap& submap : submaps_) {
     EXPECT_FALSE(submap.metric);
@@ -205,7 +205,7 @@ TEST_F(AgentWithSensors, WheelOdometryMakesTheSubmapsMetric) {
     before = now;
     odometry_.push_back({mission_.FrameTime(0) + FromSeconds(0.02 * i), odometry});
   }
-  Run({std::nullopt, mission_.body_from_camera});
+  Run({std::nullopt, mission_.body_from_camera, std::nullopt});
   ASSERT_FALSE(submaps_.empty());
   for (const Submap& submap : submaps_) EXPECT_TRUE(submap.metric);
   EXPECT_EQ(chain_.front().first, 0u);
@@ -213,9 +213,9 @@ TEST_F(AgentWithSensors, WheelOdometryMakesTheSubmapsMetric) {
 }
 
 TEST_F(AgentWithSensors, OneSensorAtATime) {
-  EXPECT_FALSE(
-      Agent::Create({}, RenderedCamera(), AgentId("tester"), SessionId(7), {mount_, Rigid3()})
-          .ok());
+  EXPECT_FALSE(Agent::Create({}, RenderedCamera(), AgentId("tester"), SessionId(7),
+                             {mount_, Rigid3(), std::nullopt})
+                   .ok());
 }
 
 }  // namespace

@@ -138,6 +138,12 @@ Status WriteEurocAgent(const Mission& mission, int agent, const std::string& fol
   const AgentPlan& plan = mission.agents[static_cast<size_t>(agent)];
   const fs::path root = fs::path(folder) / plan.name;
   PORTOLAN_RETURN_IF_ERROR(WriteImages(mission, agent, root / "mav0" / "cam0", options));
+  if (mission.options.stereo_baseline_m > 0) {
+    EurocWriterOptions quiet = options;
+    quiet.on_frame = [](int) {};
+    PORTOLAN_RETURN_IF_ERROR(
+        WriteImages(mission.OfSecondCamera(), agent, root / "mav0" / "cam1", quiet));
+  }
   ImuOptions imu = mission.options.imu;
   imu.seed = mission.options.seed * 37 + static_cast<uint64_t>(agent);
   PORTOLAN_RETURN_IF_ERROR(

@@ -151,6 +151,9 @@ Status MissionOptions::Validate() const {
     return absl::InvalidArgumentError(
         "frame_rate_hz, imu.rate_hz and loop_time_s must be positive");
   }
+  if (!(stereo_baseline_m >= 0)) {
+    return absl::InvalidArgumentError("stereo_baseline_m must not be negative");
+  }
   if (!(effects.noise_sigma >= 0) || !(effects.shutter_s >= 0) || effects.blur_samples < 1 ||
       !(effects.exposure_swing >= 0 && effects.exposure_swing < 1)) {
     return absl::InvalidArgumentError(
@@ -164,6 +167,14 @@ std::vector<std::string> MissionNames() {
   std::vector<std::string> names;
   for (const MissionPlan& plan : kPlans) names.emplace_back(plan.name);
   return names;
+}
+
+Mission Mission::OfSecondCamera() const {
+  Mission second = *this;
+  second.body_from_camera =
+      body_from_camera * Rigid3{Eigen::Quaterniond::Identity(), {options.stereo_baseline_m, 0, 0}};
+  second.options.seed = options.seed + 500000;  // of the noise: the world is there already
+  return second;
 }
 
 Timestamp Mission::FrameTime(int frame) const {

@@ -27,6 +27,8 @@ struct MissionOptions {
   CameraIntrinsics camera = EurocLikeCamera();
   ImageEffectsOptions effects;
   ImuOptions imu;
+  // Of a second camera like the first, this far to the right of it; 0: none.
+  double stereo_baseline_m = 0;
   Timestamp start_time = std::chrono::seconds(1600000000);
 
   // 752 x 480, 79 degrees wide, radial-tangential distortion as EuRoC's cam0.
@@ -48,6 +50,8 @@ struct Mission {
   Rigid3 body_from_camera;
   std::vector<AgentPlan> agents;
 
+  // The same with the second camera in place of the first, its noise its own.
+  Mission OfSecondCamera() const;
   Timestamp FrameTime(int frame) const;
   double FrameTimeSinceStart_s(int frame) const;
   Rigid3 WorldFromCamera(const AgentPlan& agent, double time_s) const;
