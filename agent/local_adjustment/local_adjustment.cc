@@ -37,6 +37,14 @@ Rigid3 Scaled(const Rigid3& pose, double scale) {
   return {pose.rotation, scale * pose.translation};
 }
 
+DepthPoint Transformed(const Similarity3& new_from_old, const DepthPoint& point) {
+  const double inverse_scale = 1 / new_from_old.scale;
+  return {{new_from_old * point.reference.anchor_in_world,
+           new_from_old.rotation.toRotationMatrix() * point.reference.axes},
+          inverse_scale * point.inverse_depth,
+          inverse_scale * inverse_scale * point.inverse_depth_variance};
+}
+
 }  // namespace
 
 Status LocalAdjustmentOptions::Validate() const {
@@ -92,9 +100,11 @@ void LocalAdjustment::FitToPoints() {
   if (!pose) pose = Resect(options_.resection, camera_, known, window_from_camera_);
   std::vector<bool> fits(known.size(), false);
   if (pose) {
+    const CameraReference camera{*pose, &camera_};
+    const CameraState state(camera);
     std::vector<PointSight> fitting;
     for (size_t i = 0; i < known.size(); ++i) {
-      fits[i] = SightChi2(camera_, known[i], *pose) < options_.resection.outlier_chi2;
+      fits[i] = SightChi2(state, known[i]) < options_.resection.outlier_chi2;
       if (fits[i]) fitting.push_back(known[i]);
     }
     pose = Resect(options_.resection, camera_, fitting, *pose);
@@ -153,7 +163,10 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
     keyframe.window_from_camera = new_from_old * keyframe.window_from_camera;
     keyframe.held = false;
   }
-  for (WindowPoint& point : points_) point.point_in_window = new_from_old * point.point_in_window;
+  for (WindowPoint& point : points_) {
+    point.point_in_window = new_from_old * point.point_in_window;
+    point.seen_from_last = Transformed(new_from_old, point.seen_from_last);
+  }
   for (const auto& [index, pose] : common) {
     keyframes_[index].window_from_camera = pose;
     keyframes_[index].held = true;
@@ -306,6 +319,11 @@ void LocalAdjustment::TakeResult(const BundleProblem& problem, const std::vector
   }
   window_from_camera_ = keyframes_.back().window_from_camera;
   points_.clear();
+  std::vector<CameraReference> cameras;
+  for (const BundleCamera& camera : problem.cameras) {
+    cameras.push_back({camera.world_from_camera, camera.model});
+  }
+  const std::vector<CameraState> states(cameras.begin(), cameras.end());
   const double prior_sigma = options_.bundle.inverse_depth_prior_of_median / MedianDepth(problem);
   size_t begin = 0;
   for (size_t i = 0; i < tracks.size(); ++i) {
@@ -317,7 +335,8 @@ void LocalAdjustment::TakeResult(const BundleProblem& problem, const std::vector
     WindowPoint point;
     point.track = tracks[i];
     point.point_in_window = problem.points[i].point_in_world;
-    MeasureDepth(problem, begin, end, prior_sigma, &point);
+    MeasureDepth(std::span(problem.observations).subspan(begin, end - begin), states, prior_sigma,
+                 &point);
     if (point.seen_from_last.inverse_depth > 0) points_.push_back(point);
     begin = end;
   }
@@ -325,8 +344,8 @@ void LocalAdjustment::TakeResult(const BundleProblem& problem, const std::vector
 
 // How well the sights tell the point's inverse distance from the last keyframe; the keyframes'
 // errors are not counted. A point without inliers gets no inverse depth.
-void LocalAdjustment::MeasureDepth(const BundleProblem& problem, size_t first_observation,
-                                   size_t last_observation, double prior_sigma,
+void LocalAdjustment::MeasureDepth(std::span<const BundleObservation> observations,
+                                   const std::vector<CameraState>& cameras, double prior_sigma,
                                    WindowPoint* point) const {
   DepthPoint& depth = point->seen_from_last;
   const Eigen::Vector3d anchor = keyframes_.back().window_from_camera.translation;
@@ -334,17 +353,14 @@ void LocalAdjustment::MeasureDepth(const BundleProblem& problem, size_t first_ob
   if (!(bearing.norm() > 0) || !bearing.allFinite()) return;
   depth.reference = PointReference::At(anchor, point->point_in_window);
   const std::array<double, 3> parameters = {0, 0, 1 / bearing.norm()};
-  constexpr std::array<double, 6> kNoPerturbation{};
   double information = 1 / (prior_sigma * prior_sigma);
   int inliers = 0;
-  for (size_t i = first_observation; i < last_observation; ++i) {
-    const BundleObservation& observation = problem.observations[i];
-    const CameraReference camera{problem.cameras[observation.camera].world_from_camera, &camera_};
+  for (const BundleObservation& observation : observations) {
     Eigen::Vector2d residual;
     Eigen::Matrix<double, 2, 3, Eigen::RowMajor> d_point;
     ReprojectionError(&depth.reference, observation.pixel, observation.sigma_px)
-        .Evaluate(CameraState(camera, kNoPerturbation.data()), parameters.data(), residual.data(),
-                  nullptr, d_point.data());
+        .Evaluate(cameras[observation.camera], parameters.data(), residual.data(), nullptr,
+                  d_point.data());
     if (!(residual.squaredNorm() < options_.bundle.outlier_chi2)) continue;
     information += d_point.col(2).squaredNorm();
     ++inliers;

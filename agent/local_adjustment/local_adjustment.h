@@ -26,7 +26,7 @@ struct LocalAdjustmentOptions {
   // After a correction of the server everything since its last keyframe is adjusted once, up to so
   // many keyframes.
   int max_free_after_correction = 20;
-  BundleOptions bundle{.max_iterations = 4, .function_tolerance = 1e-3, .rounds = 1};
+  BundleOptions bundle{.max_iterations = 4, .function_tolerance = 1e-3};
   // Iterations after a correction, and until the first max_keyframes are there: these starts are
   // farther from the solution.
   int max_start_iterations = 10;
@@ -41,7 +41,7 @@ struct LocalAdjustmentOptions {
 // What a frame saw of a track.
 struct LiveSight {
   Observation observation;
-  // The filter has measured it and found it consistent.
+  // A landmark of the filter that was no outlier: measured and found consistent, or new.
   bool trusted = false;
 };
 
@@ -107,8 +107,9 @@ class LocalAdjustment {
   void AddPoint(std::span<const Sight> sights, int first, double scene_depth,
                 BundleProblem* problem) const;
   void TakeResult(const BundleProblem& problem, const std::vector<TrackId>& tracks, int first);
-  void MeasureDepth(const BundleProblem& problem, size_t first_observation, size_t last_observation,
-                    double prior_sigma, WindowPoint* point) const;
+  void MeasureDepth(std::span<const BundleObservation> observations,
+                    const std::vector<CameraState>& cameras, double prior_sigma,
+                    WindowPoint* point) const;
   void MeasureScale();
   double SceneDepth() const;
 

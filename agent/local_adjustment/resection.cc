@@ -39,11 +39,9 @@ struct NormalEquations {
   int inliers = 0;
 };
 
-constexpr std::array<double, 6> kNoPerturbation{};
-
 NormalEquations Linearize(const ResectionOptions& options, const CameraReference& camera,
                           const std::vector<PointSight>& sights) {
-  const CameraState state(camera, kNoPerturbation.data());
+  const CameraState state(camera);
   const double square = options.loss_scale_sigmas * options.loss_scale_sigmas;
   NormalEquations equations;
   for (const PointSight& sight : sights) {
@@ -61,9 +59,8 @@ NormalEquations Linearize(const ResectionOptions& options, const CameraReference
 
 }  // namespace
 
-double SightChi2(const CameraModel& camera, const PointSight& sight, const Rigid3& pose) {
-  const CameraReference reference{pose, &camera};
-  return SightError(CameraState(reference, kNoPerturbation.data()), sight).Chi2();
+double SightChi2(const CameraState& camera, const PointSight& sight) {
+  return SightError(camera, sight).Chi2();
 }
 
 Status ResectionOptions::Validate() const {

@@ -39,7 +39,7 @@ struct PointSight {
 };
 
 // Squared error of a sight in sigmas, its depth's uncertainty included.
-double SightChi2(const CameraModel& camera, const PointSight& sight, const Rigid3& pose);
+double SightChi2(const CameraState& camera, const PointSight& sight);
 
 // Minimises the Cauchy loss of the reprojection errors, each with the variance that the point's
 // inverse depth adds, from `start`. No value if too few sights fit. Deterministic.

@@ -5,7 +5,8 @@ namespace portolan {
 Status BundleOptions::Validate() const {
   if (max_iterations < 1 || rounds < 1 || num_threads < 1 || max_block_cameras < 0 ||
       max_dense_cameras < 0) {
-    return absl::InvalidArgumentError("bundle: iterations, rounds and threads must be positive");
+    return absl::InvalidArgumentError(
+        "bundle: iterations, rounds and threads must be positive, numbers of cameras not negative");
   }
   if (!(loss_scale_sigmas > 0) || !(outlier_chi2 > 0) || !(function_tolerance >= 0)) {
     return absl::InvalidArgumentError("bundle: loss scale and outlier limit must be positive");

@@ -6,6 +6,8 @@
 
 namespace portolan {
 
+// The agent solves once, by bundle_solver.h alone: rounds, num_threads and max_block_cameras say
+// nothing there.
 struct BundleOptions {
   // Levenberg-Marquardt iterations a round; convergence is usually reached well before.
   int max_iterations = 25;
@@ -27,6 +29,7 @@ struct BundleOptions {
   double inverse_depth_prior_of_median = 0.2;
   // Points farther than this many median depths are held at this distance.
   double max_depth_medians = 1000.0;
+  // Of Ceres; bundle_solver.h takes one.
   int num_threads = 1;
   // Up to so many free cameras bundle_solver.h solves the problem, a larger one Ceres, which has no
   // table of all pairs of cameras.

@@ -1,6 +1,7 @@
 #include "common/bundle/bundle_terms.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace portolan {
@@ -28,6 +29,9 @@ CameraState::CameraState(const CameraReference& camera, const double* perturbati
   camera_from_reference = camera_from_world * camera.world_from_camera.rotation.toRotationMatrix();
   rotation_jacobian = RotationRightJacobian(Vector3Map(perturbation + 3));
 }
+
+CameraState::CameraState(const CameraReference& camera)
+    : CameraState(camera, std::array<double, 6>{}.data()) {}
 
 PointReference PointReference::At(const Eigen::Vector3d& anchor_in_world,
                                   const Eigen::Vector3d& point_in_world) {

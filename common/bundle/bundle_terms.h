@@ -35,6 +35,8 @@ struct CameraState {
 
   CameraState() = default;
   CameraState(const CameraReference& camera, const double* perturbation);
+  // At the reference.
+  explicit CameraState(const CameraReference& camera);
 };
 
 // The constant part of a point block.

@@ -112,6 +112,7 @@ class Triangulator {
       return SightChi2(s, best_) < options_.inlier_chi2;
     });
     const Eigen::Vector3d anchor = first->camera.world_from_camera.translation;
+    for (const TrackSight& sight : sights_) states_.emplace_back(sight.camera);
     for (int i = 0; i < options_.max_iterations; ++i) {
       const PointReference reference = PointReference::At(anchor, best_);
       Eigen::Vector3d parameters(0, 0, 1.0 / (best_ - anchor).norm());
@@ -129,14 +130,13 @@ class Triangulator {
 
   void Accumulate(const PointReference& reference, const Eigen::Vector3d& parameters,
                   Eigen::Matrix3d* information, Eigen::Vector3d* gradient) const {
-    const std::array<double, 6> zero{};
-    for (const TrackSight& sight : sights_) {
+    for (size_t i = 0; i < sights_.size(); ++i) {
+      const TrackSight& sight = sights_[i];
       if (!(SightChi2(sight, best_) < options_.inlier_chi2)) continue;
       const ReprojectionError error(&reference, sight.pixel, sight.sigma_px);
       Eigen::Vector2d residual;
       Eigen::Matrix<double, 2, 3, Eigen::RowMajor> jacobian;
-      error.Evaluate(CameraState(sight.camera, zero.data()), parameters.data(), residual.data(),
-                     nullptr, jacobian.data());
+      error.Evaluate(states_[i], parameters.data(), residual.data(), nullptr, jacobian.data());
       *information += jacobian.transpose() * jacobian;
       *gradient += jacobian.transpose() * residual;
     }
@@ -145,6 +145,7 @@ class Triangulator {
   const TriangulationOptions& options_;
   const std::vector<TrackSight>& sights_;
   double scene_depth_;
+  std::vector<CameraState> states_;  // of the sights' cameras, for Refine
   Eigen::Vector3d best_ = Eigen::Vector3d::Zero();
   double best_cost_ = kInfinity;
   int best_count_ = 0;

@@ -75,6 +75,27 @@ TEST(LocalAdjustment, HeldKeyframesPutTheWindowInTheirFrame) {
   }
 }
 
+// Where the held keyframes leave nothing to adjust, the points are still those of the new frame.
+TEST(LocalAdjustment, PointsFollowHeldKeyframes) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  // The last keyframe has seen nothing.
+  Drive(scene, 33, DriftingOdometry(0), &window,
+        [&](int frame) { return frame < 33 ? scene.Sights(frame) : std::vector<LiveSight>(); });
+  const Similarity3 other_from_world{
+      2.5, Eigen::Quaterniond(RotationExp({0.3, -1, 2})), {5, 1, -3}};
+  std::vector<LocalAdjustment::KeyframePose> held;
+  for (const int k : {30, 33}) {
+    held.push_back({scene.Time(k), other_from_world * MovingCamera::WorldFromCamera(k)});
+  }
+  ASSERT_TRUE(window.Hold(held));
+  // By the odometry the camera stands still.
+  const Rigid3 pose = window.Locate(MovingCamera::WorldFromCamera(33), scene.Sights(36));
+  const Rigid3 truth = other_from_world * MovingCamera::WorldFromCamera(36);
+  EXPECT_LT((pose.translation - truth.translation).norm(), 0.01);
+  EXPECT_LT(pose.rotation.angularDistance(truth.rotation), 1e-3);
+}
+
 TEST(LocalAdjustment, UnknownKeyframesChangeNothing) {
   const MovingCamera scene;
   LocalAdjustment window({}, scene.camera());
