@@ -26,8 +26,8 @@ struct MapBuilderOptions {
   // Submaps of the same session nearer than this in the sequence share tracks; closing with them
   // adds nothing.
   int min_sequence_distance = 3;
-  // Threads of the numerical solvers; takes precedence over the stages' own. With one, results
-  // repeat to the last bit; with more, the order of Ceres' sums depends on the scheduler.
+  // Threads of Ceres, which solves adjustments of more than 3,000 cameras only; takes precedence
+  // over the stages' own. With one, results repeat; with more, the order of its sums may change.
   int num_threads = 1;
 
   Status Validate() const;
