@@ -72,6 +72,7 @@ struct AgentOptions {
   ImuOptions imu;
   OdometryOptions odometry;
   StereoOptions stereo;
+  // Of the live poses, which AgentRunner tells; the agent itself does not adjust.
   LocalAdjustmentOptions local_adjustment;
   // New corners are looked for when fewer than this share of tracker.max_points is left, and at
   // every keyframe.
