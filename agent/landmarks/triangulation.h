@@ -56,8 +56,8 @@ struct DepthEstimate {
 std::optional<double> InverseDepthSigma(const InverseDepthPoint& point,
                                         std::span<const BearingView> views, double sigma_rad);
 
-// Levenberg-Marquardt over all views and the reference's own bearing from a start; no value if it
-// does not converge to a point before the cameras.
+// Levenberg-Marquardt over all views and the reference's own bearing from a start; no value if the
+// start or the result is not before all cameras.
 std::optional<DepthEstimate> InverseDepthByLevenbergMarquardt(
     const Eigen::Vector3d& bearing_in_reference, double start_inverse_depth,
     std::span<const BearingView> views, double sigma_rad);

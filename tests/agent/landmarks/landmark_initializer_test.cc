@@ -5,6 +5,7 @@
 
 #include <Eigen/LU>
 #include <cmath>
+#include <map>
 #include <random>
 
 #include "tests/agent/filter/point_world.h"
@@ -196,20 +197,21 @@ TEST(LocalFilter, NewLandmarksStartWithAMeasuredDepth) {
   auto filter = LocalFilter::Create({}, MakeTestCamera(), nullptr).value();
   world.Start(filter.get());
   for (int i = 0; i < 60; ++i) world.Step(filter.get());
-  const std::vector<TrackId> all = {filter->state().landmarks()[0].track};
-  filter->RemoveLandmarks(all);
+  const std::vector<Landmark>& known = filter->state().landmarks();
+  const std::vector<TrackId> room = {known[0].track, known[1].track};
+  filter->RemoveLandmarks(room);
   const TrackId with(500000), without(500001);
   const std::vector<Measurement> measurements = {{with, {300, 200}, 1}, {without, {200, 300}, 1}};
   const std::vector<MeasuredDepth> depths = {{with, 1.7, 0.02}};
-  ASSERT_EQ(filter->AddLandmarks({measurements.data(), 1}, depths), 1);
-  filter->AddLandmarks(measurements, depths);
-  for (const LandmarkEstimate& l : filter->Landmarks()) {
-    if (l.track == with) {
-      EXPECT_NEAR(l.inverse_depth, 1.7, 1e-12);
-      EXPECT_GE(l.inverse_depth_sigma, 0.02);
-      EXPECT_LT(l.inverse_depth_sigma, 0.4);
-    }
-  }
+  ASSERT_EQ(filter->AddLandmarks(measurements, depths), 2);
+  std::map<TrackId, LandmarkEstimate> added;
+  for (const LandmarkEstimate& l : filter->Landmarks()) added[l.track] = l;
+  EXPECT_NEAR(added.at(with).inverse_depth, 1.7, 1e-12);
+  EXPECT_GE(added.at(with).inverse_depth_sigma, 0.02);
+  EXPECT_LT(added.at(with).inverse_depth_sigma, 0.4);
+  // The other one has the prior.
+  EXPECT_NE(added.at(without).inverse_depth, 1.7);
+  EXPECT_GT(added.at(without).inverse_depth_sigma, added.at(without).inverse_depth);
   EXPECT_TRUE(filter->state().IsCovarianceValid());
 }
 

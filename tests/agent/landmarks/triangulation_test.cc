@@ -185,10 +185,16 @@ TEST(PoseOfTwoViews, NeedsEnoughPairsThatAgree) {
   EXPECT_FALSE(PoseOfTwoViews(PairsOf(pose, 9, 0), 0.001).has_value());
   EXPECT_FALSE(PoseOfTwoViews(PairsOf(pose, 80, 1.0), 0.001).has_value());
   EXPECT_FALSE(PoseOfTwoViews({}, 0.001).has_value());
-  // Two images of one camera position: any translation fits, or none.
+}
+
+// Any pose fits, or none.
+TEST(PoseOfTwoViews, OfOnePointIsNoneOrIsOne) {
   const BearingPair same{{0, 0, 1}, {0, 0, 1}};
   const std::vector<BearingPair> degenerate(30, same);
-  PoseOfTwoViews(degenerate, 0.001);
+  const auto found = PoseOfTwoViews(degenerate, 0.001);
+  if (!found) return;
+  EXPECT_NEAR(found->rotation.norm(), 1, 1e-9);
+  EXPECT_NEAR(found->translation.norm(), 1, 1e-9);
 }
 
 }  // namespace
