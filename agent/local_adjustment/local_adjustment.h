@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "agent/local_adjustment/resection.h"
+#include "common/bundle/resection.h"
 #include "common/bundle/bundle_options.h"
 #include "common/bundle/triangulation.h"
 #include "common/camera/camera_model.h"

@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "server/refinement/backward_start.h"
 #include "server/refinement/bundle_covariance.h"
 
 namespace portolan {
@@ -61,7 +62,7 @@ class Refinement {
     Triangulate();
     if (LandmarkCount() < options_.min_landmarks) return "too few tracks could be triangulated";
     std::string reason = AdjustInRounds();
-    if (options_.try_reversed_depth) TryReversed(&reason);
+    if (options_.try_other_starts) TryOtherStarts(&reason);
     if (!reason.empty()) return reason;
     return WriteResult();
   }
@@ -80,31 +81,44 @@ class Refinement {
     return reason;
   }
 
-  // Adjusts from the depth-reversed start as well and keeps what explains the observations better.
-  void TryReversed(std::string* reason) {
+  void TryOtherStarts(std::string* reason) {
+    TryOther(reason, [this] { return StartReversed(); });
+    const double observations = static_cast<double>(problem_.observations.size());
+    if (submap_.raw->link != LinkType::kConnected || !reason->empty() ||
+        TruncatedCost() > options_.suspicious_cost * observations) {
+      TryOther(reason, [this] { return StartFromTheEnd(); });
+    }
+  }
+
+  // Adjusts from another start as well, if there is one, and keeps what explains the observations
+  // better.
+  template <typename Start>
+  void TryOther(std::string* reason, const Start& start) {
     const double cost = TruncatedCost();
     const BundleProblem problem = problem_;
     const BundleSummary summary = summary_;
-    StartReversed();
-    BundleOptions quick = options_.bundle;
-    quick.rounds = 1;
-    quick.max_iterations = 3;
-    Adjust(quick);
-    if (summary_.usable && TruncatedCost() < kHopelessCost * cost) {
-      quick.max_iterations = 7;
+    const bool filter_is_wrong = filter_is_wrong_;
+    if (start()) {
+      BundleOptions quick = options_.bundle;
+      quick.rounds = 1;
+      quick.max_iterations = 3;
       Adjust(quick);
-    }
-    if (summary_.usable && TruncatedCost() < options_.reversed_trial_cost * cost) {
-      TriangulateMissing();
-      const std::string reversed_reason = AdjustInRounds();
-      if (summary_.usable && TruncatedCost() < options_.reversed_cost * cost) {
-        *reason = reversed_reason;
-        return;
+      if (summary_.usable && TruncatedCost() < kHopelessCost * cost) {
+        quick.max_iterations = 7;
+        Adjust(quick);
+      }
+      if (summary_.usable && TruncatedCost() < options_.other_trial_cost * cost) {
+        TriangulateMissing();
+        const std::string other_reason = AdjustInRounds();
+        if (summary_.usable && TruncatedCost() < options_.other_cost * cost) {
+          *reason = other_reason;
+          return;
+        }
       }
     }
     problem_ = problem;
     summary_ = summary;
-    filter_is_wrong_ = false;
+    filter_is_wrong_ = filter_is_wrong;
   }
 
   // For small motions across the line of sight, inverse depths rho about their median m and the
@@ -112,7 +126,7 @@ class Refinement {
   // the two-fold ambiguity of structure from motion under weak perspective (e.g. Szeliski & Kang,
   // "Shape ambiguities in structure from motion", PAMI 1997). A filter that starts without a prior
   // may settle in the wrong one, and descent does not leave it.
-  void StartReversed() {
+  bool StartReversed() {
     const double inverse_depth = 1.0 / MedianDepth(problem_);
     for (BundleCamera& camera : problem_.cameras) {
       if (camera.fixed) continue;
@@ -126,6 +140,31 @@ class Refinement {
     for (BundleObservation& observation : problem_.observations) observation.inlier = false;
     filter_is_wrong_ = true;
     TriangulateMissing();
+    return true;
+  }
+
+  // See backward_start.h.
+  bool StartFromTheEnd() {
+    BundleProblem filter = problem_;
+    for (size_t k = 0; k < filter.cameras.size(); ++k) {
+      filter.cameras[k].world_from_camera = submap_.raw->keyframes[k].submap_from_camera;
+    }
+    std::vector<std::optional<Eigen::Vector3d>> known;
+    filter_is_wrong_ = false;
+    for (const auto& [track, sights] : tracks_) known.push_back(FilterPoint(track));
+    const auto poses =
+        StartBackward(filter, known, options_.bundle, options_.triangulation, scene_depth_);
+    if (!poses) return false;
+    for (size_t k = 1; k < poses->size(); ++k) {
+      BundleCamera& camera = problem_.cameras[k];
+      camera.world_from_camera = (*poses)[k];
+      camera.prior = PositionPrior{(*poses)[k].translation,
+                                   options_.position_prior_max_of_depth * scene_depth_};
+    }
+    for (BundleObservation& observation : problem_.observations) observation.inlier = false;
+    filter_is_wrong_ = true;
+    TriangulateMissing();
+    return true;
   }
 
   // Sum of the squared errors in sigmas, none more than the outlier limit.

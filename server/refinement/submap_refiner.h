@@ -30,13 +30,16 @@ struct SubmapRefinerOptions {
   double min_inlier_share = 0.45;
   // Rounds of adjustment and triangulation, two at least.
   int max_rounds = 5;
-  // Tries the depth-reversed start as well, which a filter may wrongly have settled in: first a
-  // few iterations, which must come under reversed_trial_cost times the cost that was found, then
-  // to the end, where it must come under reversed_cost times that to be taken. Costs are sums of
-  // squared errors in sigmas, truncated at the outlier limit.
-  bool try_reversed_depth = true;
-  double reversed_trial_cost = 1.5;
-  double reversed_cost = 0.97;
+  // Tries the depth-reversed start as well, which a filter may wrongly have settled in, and for the
+  // first submap of a chain, or one that costs more than suspicious_cost an observation, the start
+  // from its end (backward_start.h): first a few iterations, which must come under
+  // other_trial_cost times the cost that was found, then to the end, where it must come under
+  // other_cost times that to be taken. Costs are sums of squared errors in sigmas, truncated at the
+  // outlier limit; sound submaps cost 1.4 an observation, what one that began wrong cost was 7.
+  bool try_other_starts = true;
+  double suspicious_cost = 3.0;
+  double other_trial_cost = 1.5;
+  double other_cost = 0.97;
 
   Status Validate() const;
 };

@@ -93,7 +93,7 @@ TEST(SubmapRefiner, LeavesTheDepthReversedSolution) {
   const SyntheticMission mission = MakeSyntheticMission(options);
   const auto start = Reversed(mission.submaps[0], 2.5 * options.unit);
   SubmapRefinerOptions without;
-  without.try_reversed_depth = false;
+  without.try_other_starts = false;
   const auto stuck =
       SubmapRefiner::Create(without)->Refine(mission.submaps[0].id, start, mission.camera);
   EXPECT_LT(MotionAgreement(mission.submaps[0], stuck->submap_from_camera), 0);
@@ -102,6 +102,49 @@ TEST(SubmapRefiner, LeavesTheDepthReversedSolution) {
   EXPECT_EQ(refined->quarantine_reason, "");
   EXPECT_GT(MotionAgreement(mission.submaps[0], refined->submap_from_camera), 0.98);
   EXPECT_GT(refined->landmarks.size(), 100u);
+}
+
+// The submap of a filter that took turn for translation up to the middle and found out there: the
+// first half of the motion is depth-reversed, seen from the middle, and the landmarks are those of
+// the end.
+std::shared_ptr<const Submap> BegunWrong(const SyntheticSubmap& truth, double depth) {
+  auto submap = std::make_shared<Submap>(*truth.submap);
+  std::vector<Keyframe>& keyframes = submap->keyframes;
+  const size_t middle = keyframes.size() / 2;
+  const Rigid3 from_middle = keyframes[middle].submap_from_camera;
+  for (size_t k = 0; k < middle; ++k) {
+    Rigid3 motion = from_middle.Inverse() * keyframes[k].submap_from_camera;
+    Eigen::Vector3d& t = motion.translation;
+    motion.rotation = RotationExp(2 / depth * Eigen::Vector3d(-t.y(), t.x(), 0)) * motion.rotation;
+    t.head<2>() = -t.head<2>();
+    keyframes[k].submap_from_camera = from_middle * motion;
+  }
+  const Rigid3 new_from_old = keyframes[0].submap_from_camera.Inverse();
+  for (Keyframe& keyframe : keyframes) {
+    keyframe.submap_from_camera = new_from_old * keyframe.submap_from_camera;
+  }
+  for (SubmapLandmark& landmark : submap->landmarks) {
+    landmark.point_in_submap = new_from_old * landmark.point_in_submap;
+  }
+  return submap;
+}
+
+TEST(SubmapRefiner, StartsFromTheEndOfASubmapThatBeganWrong) {
+  SyntheticSubmapsOptions options;
+  options.agents[0].submaps = 1;
+  options.agents[0].end_rad = 0.5;
+  const SyntheticMission mission = MakeSyntheticMission(options);
+  const auto start = BegunWrong(mission.submaps[0], 2.5 * options.unit);
+  SubmapRefinerOptions without;
+  without.try_other_starts = false;
+  const auto stuck =
+      SubmapRefiner::Create(without)->Refine(mission.submaps[0].id, start, mission.camera);
+  EXPECT_LT(MotionAgreement(mission.submaps[0], stuck->submap_from_camera), 0.5);
+  const auto refined =
+      SubmapRefiner::Create({})->Refine(mission.submaps[0].id, start, mission.camera);
+  EXPECT_EQ(refined->quarantine_reason, "");
+  EXPECT_GT(MotionAgreement(mission.submaps[0], refined->submap_from_camera), 0.999);
+  EXPECT_LT(refined->rms_reprojection_px, 0.8);
 }
 
 TEST(SubmapRefiner, LandmarkCovariancesMatchTheirErrors) {

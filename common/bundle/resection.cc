@@ -1,4 +1,4 @@
-#include "agent/local_adjustment/resection.h"
+#include "common/bundle/resection.h"
 
 #include <Eigen/Cholesky>
 #include <array>

@@ -1,6 +1,6 @@
 // The pose of one camera from points whose places are known.
-#ifndef PORTOLAN_AGENT_LOCAL_ADJUSTMENT_RESECTION_H_
-#define PORTOLAN_AGENT_LOCAL_ADJUSTMENT_RESECTION_H_
+#ifndef PORTOLAN_COMMON_BUNDLE_RESECTION_H_
+#define PORTOLAN_COMMON_BUNDLE_RESECTION_H_
 
 #include <optional>
 #include <vector>
@@ -48,4 +48,4 @@ std::optional<Rigid3> Resect(const ResectionOptions& options, const CameraModel&
 
 }  // namespace portolan
 
-#endif  // PORTOLAN_AGENT_LOCAL_ADJUSTMENT_RESECTION_H_
+#endif  // PORTOLAN_COMMON_BUNDLE_RESECTION_H_
