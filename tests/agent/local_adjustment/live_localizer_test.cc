@@ -21,7 +21,9 @@ class Localizing : public ::testing::Test {
     if (live.begins_submap) {
       if (frame > 0) {
         Close(live.sequence_number - 1, odometry);
-        live.predecessor_from_submap = odometry_from_submap_.Inverse() * odometry;
+        if (live.sequence_number != broken_) {
+          live.predecessor_from_submap = odometry_from_submap_.Inverse() * odometry;
+        }
       }
       odometry_from_submap_ = odometry;
       corrector_.OpenSubmap(live.sequence_number, live.predecessor_from_submap);
@@ -37,10 +39,11 @@ class Localizing : public ::testing::Test {
   }
 
   // The server's answer for a closed submap: the truth, in another frame.
-  void Correct(uint32_t sequence_number) {
+  void Correct(uint32_t sequence_number) { Correct(sequence_number, 7, sequence_number + 1); }
+  void Correct(uint32_t sequence_number, int64_t component, uint64_t map_version) {
     SubmapPlacement placement;
     placement.sequence_number = sequence_number;
-    placement.component = ComponentId(7);
+    placement.component = ComponentId(component);
     const int first = static_cast<int>(sequence_number) * kFramesPerSubmap;
     placement.world_from_submap =
         world_from_truth_ * Similarity3::FromRigid(MovingCamera::WorldFromCamera(first));
@@ -48,7 +51,7 @@ class Localizing : public ::testing::Test {
       placement.adjusted_submap_from_camera.push_back(
           MovingCamera::WorldFromCamera(first).Inverse() * MovingCamera::WorldFromCamera(k));
     }
-    ASSERT_TRUE(corrector_.Apply({sequence_number + 1, {placement}, false}).ok());
+    ASSERT_TRUE(corrector_.Apply({map_version, {placement}, false}).ok());
   }
 
   double WorldError(const PlacedPose& placed, int frame) const {
@@ -62,6 +65,7 @@ class Localizing : public ::testing::Test {
       0.8, Eigen::Quaterniond(RotationExp({1, 0.5, -0.2})), {-1, 2, 4}};
   PoseCorrector corrector_;
   LiveLocalizer localizer_{{}, scene_.camera()};
+  uint32_t broken_ = 0;  // the submap, not the first, that has no link
 
  private:
   void AddKeyframe(Timestamp time, const Rigid3& submap_from_camera) {
@@ -114,6 +118,32 @@ TEST_F(Localizing, GoesOnFromTheCorrectionAcrossBorders) {
   }
   // By the filter's motion alone, from the same correction.
   EXPECT_GT(plain_error, 0.5);
+}
+
+TEST_F(Localizing, ABrokenLinkBeginsAnew) {
+  broken_ = 1;
+  for (int frame = 0; frame < 80; ++frame) {
+    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    if (frame == 60) Correct(0);
+    if (frame < kFramesPerSubmap) continue;
+    EXPECT_FALSE(placed.in_world);
+    EXPECT_EQ(placed.frame_submap, 1u);
+    if (frame == kFramesPerSubmap) {
+      EXPECT_EQ(placed.frame_from_camera.translation, Eigen::Vector3d::Zero());
+    }
+  }
+}
+
+TEST_F(Localizing, LeavesAWorldThatIsNoMore) {
+  for (int frame = 0; frame < 215; ++frame) {
+    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    if (frame == 60) Correct(0);
+    // By then the window has none of its keyframes left.
+    if (frame == 210) Correct(0, 9, 2);
+    if (frame <= 60) continue;
+    ASSERT_TRUE(placed.in_world);
+    EXPECT_EQ(placed.component, ComponentId(frame <= 210 ? 7 : 9)) << frame;
+  }
 }
 
 TEST_F(Localizing, UntrackedFramesKeepTheFiltersPrediction) {

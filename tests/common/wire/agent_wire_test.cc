@@ -62,7 +62,10 @@ TEST(AgentWire, TakesHelloOfTheOldestVersion) {
   ToProto(Hello(), &message);
   EXPECT_EQ(message.protocol_version(), kProtocolVersion);
   message.set_protocol_version(kOldestProtocolVersion);
-  EXPECT_THAT(FromProto(message), IsOk());
+  const auto hello = FromProto(message);
+  ASSERT_THAT(hello, IsOk());
+  // What it is answered with depends on this.
+  EXPECT_EQ(hello->protocol_version, kOldestProtocolVersion);
 }
 
 TEST(AgentWire, KeepsLivePoses) {
