@@ -291,12 +291,15 @@ void Agent::Replenish(bool starting) {
   const auto is_candidate = [&](TrackId track) {
     return landmarks_.IsLandmark(track) || depths_.IsReady(track);
   };
+  const auto choose = [&](const std::vector<TrackedPoint>& points) {
+    return landmarks_.Choose(points, measured_, starting);
+  };
   std::vector<TrackId> chosen =
-      landmarks_.Choose(undelayed ? tracker_->points() : Filtered(tracker_->points(), is_candidate),
-                        measured_, starting);
+      undelayed ? choose(tracker_->points()) : choose(Filtered(tracker_->points(), is_candidate));
   std::vector<MeasuredDepth> depths;
   if (!undelayed) depths = depths_.Measure(&chosen);
   Remove({landmarks_.MakeRoomFor(static_cast<int>(chosen.size())), {}});
+  if (chosen.empty()) return;
   AddLandmarks(chosen, depths);
   landmarks_.Add(chosen);
 }
@@ -400,7 +403,9 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) con
   result.tracks = static_cast<int>(tracker_->points().size());
   result.is_keyframe = is_keyframe_;
   if (tracked) {
-    for (const TrackedPoint& point : UsablePoints()) {
+    const std::vector<TrackedPoint> usable = UsablePoints();
+    result.sights.reserve(usable.size());
+    for (const TrackedPoint& point : usable) {
       result.sights.push_back(
           {{point.track, point.pixel.cast<float>(), static_cast<float>(point.sigma_px)},
            landmarks_.IsLandmark(point.track)});
