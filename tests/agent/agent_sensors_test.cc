@@ -191,6 +191,13 @@ TEST_F(AgentWithSensors, WithoutSamplesTheScaleStaysUnknown) {
   }
 }
 
+TEST_F(AgentWithSensors, SamplesOfAnotherClockAreNotUsed) {
+  for (ImuSample& sample : imu_) sample.time -= std::chrono::hours(1000);
+  Run({mount_, std::nullopt, std::nullopt});
+  EXPECT_TRUE(results_.back().tracked);
+  for (const Submap& submap : submaps_) EXPECT_FALSE(submap.metric);
+}
+
 TEST_F(AgentWithSensors, WheelOdometryMakesTheSubmapsMetric) {
   synthetic::Random random(4);
   Rigid3 odometry = {RotationExp({0.1, 0.2, 0.3}), {5, -3, 1}};
