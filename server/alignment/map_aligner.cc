@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <deque>
 #include <utility>
 
 #include "server/alignment/positive_definite.h"

@@ -1,7 +1,6 @@
 // The map aligner's work in large components: everything is bounded to a region.
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <deque>
 #include <utility>
 
 #include "server/alignment/map_aligner.h"
