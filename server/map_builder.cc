@@ -70,6 +70,8 @@ class MapBuilder::Impl {
     snapshot_ = std::move(snapshot);
   }
 
+  void SetSurvey(std::shared_ptr<const Survey> survey) { aligner_.SetSurvey(std::move(survey)); }
+
   bool Contains(SubmapId id) const { return aligner_.model().Contains(id); }
 
   std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const {
@@ -200,6 +202,10 @@ MapBuilder::~MapBuilder() = default;
 
 void MapBuilder::Restore(std::shared_ptr<const MapSnapshot> snapshot) {
   impl_->Restore(std::move(snapshot));
+}
+
+void MapBuilder::SetSurvey(std::shared_ptr<const Survey> survey) {
+  impl_->SetSurvey(std::move(survey));
 }
 
 std::shared_ptr<const RefinedSubmap> MapBuilder::Refine(const SubmapInput& input) const {

@@ -53,6 +53,10 @@ class MapBuilder {
   // rebuilt from the refined submaps.
   void Restore(std::shared_ptr<const MapSnapshot> snapshot);
 
+  // Control points and origin of the site, instead of those before; the background work that
+  // follows uses them.
+  void SetSurvey(std::shared_ptr<const Survey> survey);
+
   // The first stage alone; thread-safe, for it depends on nothing but its argument. Put the result
   // into the input, and IntegrateSubmap need not do it.
   std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const;

@@ -12,6 +12,9 @@ class MapBuilderEngine : public MapEngine {
   void Restore(std::shared_ptr<const MapSnapshot> snapshot) override {
     builder_->Restore(std::move(snapshot));
   }
+  void SetSurvey(std::shared_ptr<const Survey> survey) override {
+    builder_->SetSurvey(std::move(survey));
+  }
   std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const override {
     return builder_->Refine(input);
   }

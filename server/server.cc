@@ -87,6 +87,8 @@ class Server::Impl {
         options_.ingest, store_.get(), &sessions_,
         [this](std::vector<SubmapInput> submaps) { map_thread_->Push(std::move(submaps)); },
         [this](const Status&) { SetServing(false); });
+    survey_ =
+        std::make_unique<SurveyBook>(std::move(stored_survey_), store_.get(), map_thread_.get());
     map_thread_->Start(std::move(backlog));
     dispatcher_.Start();
     ingest_->Start();
@@ -136,14 +138,16 @@ class Server::Impl {
     LogInfo("map: ", map.sessions.size(), " sessions, ", map.submaps.size(), " submaps, ",
             backlog.size(), " of them to integrate");
     if (map.snapshot) engine->Restore(std::move(map.snapshot));
+    if (!map.survey.empty()) engine->SetSurvey(std::make_shared<const Survey>(map.survey));
+    stored_survey_ = std::move(map.survey);
     return backlog;
   }
 
   Status Listen() {
     EnablePlugins();
-    ServerContext context{&hub_,         store_.get(),      &sessions_,
-                          ingest_.get(), map_thread_.get(), &dispatcher_,
-                          &landmarks_,   PORTOLAN_VERSION,  options_.max_agents};
+    ServerContext context{
+        &hub_,        store_.get(), &sessions_,    ingest_.get(),    map_thread_.get(),
+        &dispatcher_, &landmarks_,  survey_.get(), PORTOLAN_VERSION, options_.max_agents};
     agent_service_ = std::make_unique<AgentServiceImpl>(context);
     map_service_ = std::make_unique<MapServiceImpl>(context);
     grpc::ServerBuilder builder;
@@ -186,6 +190,8 @@ class Server::Impl {
   CorrectionDispatcher dispatcher_;
   std::unique_ptr<MapThread> map_thread_;
   std::unique_ptr<Ingest> ingest_;
+  Survey stored_survey_;  // until it moves into the book
+  std::unique_ptr<SurveyBook> survey_;
   std::unique_ptr<AgentServiceImpl> agent_service_;
   std::unique_ptr<MapServiceImpl> map_service_;
   std::unique_ptr<grpc::Server> grpc_;

@@ -14,6 +14,8 @@ namespace portolan {
 struct PositionPrior {
   Eigen::Vector3d position_in_world = Eigen::Vector3d::Zero();
   double sigma = 1.0;
+  // Of each coordinate, times sigma.
+  Eigen::Vector3d sigma_factors = Eigen::Vector3d::Ones();
 };
 
 struct BundleCamera {

@@ -97,13 +97,15 @@ void EvaluatePositionPrior(const CameraReference& camera, const PositionPrior& p
                            const double* perturbation, double* residual, double* d_camera) {
   const Rigid3& reference = camera.world_from_camera;
   Eigen::Map<Eigen::Vector3d> error(residual);
+  const Eigen::Vector3d sigmas = prior.sigma * prior.sigma_factors;
   error = (reference.translation + reference.rotation * Vector3Map(perturbation) -
-           prior.position_in_world) /
-          prior.sigma;
+           prior.position_in_world)
+              .cwiseQuotient(sigmas);
   if (d_camera == nullptr) return;
   Eigen::Map<Eigen::Matrix<double, 3, 6, Eigen::RowMajor>> map(d_camera);
   map.setZero();
-  map.leftCols<3>() = reference.rotation.toRotationMatrix() / prior.sigma;
+  const Eigen::Matrix3d rotation = reference.rotation.toRotationMatrix();
+  for (int i = 0; i < 3; ++i) map.row(i).leftCols<3>() = rotation.row(i) / sigmas[i];
 }
 
 void EvaluateDistancePrior(const CameraReference& camera_a, const CameraReference& camera_b,

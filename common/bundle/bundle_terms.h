@@ -73,7 +73,7 @@ class ReprojectionError {
   double inverse_sigma_;
 };
 
-// (t - position) / sigma and, where not null, its row-major derivative (3 x 6).
+// (t - position) / (sigma * sigma_factors) and, where not null, its row-major derivative (3 x 6).
 void EvaluatePositionPrior(const CameraReference& camera, const PositionPrior& prior,
                            const double* perturbation, double* residual, double* d_camera);
 

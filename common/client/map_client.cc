@@ -167,4 +167,29 @@ StatusOr<uint64_t> MapClient::Settle(Duration timeout) const {
   return response.map_version();
 }
 
+StatusOr<v1::ControlPoints> MapClient::ListControlPoints() const {
+  return calls_->Unary(&v1::MapService::Stub::ListControlPoints, v1::ListControlPointsRequest(),
+                       calls_->timeout());
+}
+
+StatusOr<v1::ControlPoints> MapClient::AddControlPoints(
+    const v1::AddControlPointsRequest& request) const {
+  return calls_->Unary(&v1::MapService::Stub::AddControlPoints, request, calls_->timeout());
+}
+
+StatusOr<v1::ControlPoints> MapClient::RemoveControlPoints(
+    const v1::RemoveControlPointsRequest& request) const {
+  return calls_->Unary(&v1::MapService::Stub::RemoveControlPoints, request, calls_->timeout());
+}
+
+StatusOr<v1::ControlPoints> MapClient::SetSiteOrigin(
+    const v1::SetSiteOriginRequest& request) const {
+  return calls_->Unary(&v1::MapService::Stub::SetSiteOrigin, request, calls_->timeout());
+}
+
+StatusOr<v1::GeoreferenceResponse> MapClient::GetGeoreference(
+    const v1::GetGeoreferenceRequest& request) const {
+  return calls_->Unary(&v1::MapService::Stub::GetGeoreference, request, calls_->timeout());
+}
+
 }  // namespace portolan

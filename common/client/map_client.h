@@ -42,6 +42,13 @@ class MapClient {
                        const std::function<bool(const v1::MapChange&)>& on_change) const;
   // Waits until the map has settled; returns its version.
   StatusOr<uint64_t> Settle(Duration timeout) const;
+  StatusOr<v1::ControlPoints> ListControlPoints() const;
+  StatusOr<v1::ControlPoints> AddControlPoints(const v1::AddControlPointsRequest& request) const;
+  StatusOr<v1::ControlPoints> RemoveControlPoints(
+      const v1::RemoveControlPointsRequest& request) const;
+  StatusOr<v1::ControlPoints> SetSiteOrigin(const v1::SetSiteOriginRequest& request) const;
+  StatusOr<v1::GeoreferenceResponse> GetGeoreference(
+      const v1::GetGeoreferenceRequest& request) const;
 
  private:
   class Calls;

@@ -15,6 +15,7 @@
 #include "common/base/strong_id.h"
 #include "common/base/time.h"
 #include "common/features/descriptor.h"
+#include "common/geodesy/local_frame.h"
 #include "common/geometry/rigid3.h"
 
 namespace portolan {
@@ -71,6 +72,14 @@ struct FramePose {
   Rigid3 submap_from_camera;
 };
 
+// A position by a satellite receiver, of its antenna.
+struct GnssFix {
+  Timestamp time{};
+  GeodeticPosition position;
+  double sigma_horizontal_m = 1;  // of each horizontal coordinate
+  double sigma_vertical_m = 1;
+};
+
 // How the submap hangs on its predecessor (sequence_number - 1).
 enum class LinkType {
   kNone,       // the session's first submap
@@ -90,6 +99,10 @@ struct Submap {
   std::vector<Keyframe> keyframes;
   std::vector<SubmapLandmark> landmarks;  // ascending track id
   std::vector<FramePose> frames;          // ascending time
+  // Ascending time, from the first keyframe's up to the last one's.
+  std::vector<GnssFix> gnss;
+  // Where the receiver's antenna is.
+  Eigen::Vector3d antenna_in_camera_m = Eigen::Vector3d::Zero();
 };
 
 }  // namespace portolan

@@ -137,6 +137,34 @@ Status ValidateFrames(const Submap& submap) {
   return absl::OkStatus();
 }
 
+// All false for NaN.
+bool IsGnssSigma(double sigma_m) {
+  return sigma_m >= kMinGnssSigma_m && sigma_m <= kMaxGnssSigma_m;
+}
+
+Status ValidateGnss(const Submap& submap) {
+  const auto& fixes = submap.gnss;
+  if (fixes.size() > kMaxGnssFixes) return Malformed("gnss: more than ", kMaxGnssFixes);
+  for (size_t i = 0; i < fixes.size(); ++i) {
+    const std::string where = At("gnss", i);
+    if (fixes[i].time < submap.keyframes.front().time ||
+        fixes[i].time > submap.keyframes.back().time ||
+        (i > 0 && fixes[i].time <= fixes[i - 1].time)) {
+      return Malformed(where, ".time: outside of the keyframes or not ascending");
+    }
+    const Status status = ValidateGeodetic(fixes[i].position);
+    if (!status.ok()) return Malformed(where, ".position: ", status.message());
+    if (!IsGnssSigma(fixes[i].sigma_horizontal_m) || !IsGnssSigma(fixes[i].sigma_vertical_m)) {
+      return Malformed(where, ".sigma: out of range");
+    }
+  }
+  if (!submap.antenna_in_camera_m.allFinite() ||
+      submap.antenna_in_camera_m.cwiseAbs().maxCoeff() > kMaxAntennaCoordinate_m) {
+    return Malformed("antenna_in_camera: not finite or too large");
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 bool IsValidAgentId(std::string_view id) {
@@ -159,7 +187,8 @@ Status ValidateSubmapStructure(const Submap& submap) {
   PORTOLAN_RETURN_IF_ERROR(ValidateKey(submap));
   PORTOLAN_RETURN_IF_ERROR(ValidateKeyframes(submap));
   PORTOLAN_RETURN_IF_ERROR(ValidateLandmarks(submap));
-  return ValidateFrames(submap);
+  PORTOLAN_RETURN_IF_ERROR(ValidateFrames(submap));
+  return ValidateGnss(submap);
 }
 
 Status ValidateSubmapCovariances(const Submap& submap) {

@@ -19,6 +19,10 @@ inline constexpr size_t kMaxFeaturesPerKeyframe = 4096;
 inline constexpr size_t kMaxFeatures = 16384;
 inline constexpr size_t kMaxLandmarks = 4096;
 inline constexpr size_t kMaxFrames = 20000;
+inline constexpr size_t kMaxGnssFixes = 1024;
+inline constexpr double kMinGnssSigma_m = 0.001;
+inline constexpr double kMaxGnssSigma_m = 1e4;
+inline constexpr double kMaxAntennaCoordinate_m = 1000;
 // Times end in the year 2043 if they count from 1970.
 inline constexpr Timestamp kMaxTime{INT64_MAX / 4};
 inline constexpr double kMaxPixel_px = 32768;

@@ -52,6 +52,48 @@ StatusOr<std::optional<Eigen::Vector3d>> GravityFromProto(const v1::Submap& mess
   return gravity;
 }
 
+// Nothing is written where there are no fixes.
+void EncodeGnss(const Submap& submap, v1::Submap* message) {
+  if (submap.gnss.empty()) return;
+  v1::GnssColumns& columns = *message->mutable_gnss();
+  for (const GnssFix& fix : submap.gnss) {
+    columns.add_time_ns(fix.time.count());
+    columns.add_position(fix.position.latitude_deg);
+    columns.add_position(fix.position.longitude_deg);
+    columns.add_position(fix.position.height_m);
+    columns.add_sigma_m(static_cast<float>(fix.sigma_horizontal_m));
+    columns.add_sigma_m(static_cast<float>(fix.sigma_vertical_m));
+  }
+  if (submap.antenna_in_camera_m.isZero()) return;
+  for (const double x : submap.antenna_in_camera_m) {
+    columns.add_antenna_in_camera_m(static_cast<float>(x));
+  }
+}
+
+Status DecodeGnss(const v1::GnssColumns& columns, Submap* submap) {
+  const int count = columns.time_ns_size();
+  if (static_cast<size_t>(count) > kMaxGnssFixes) {
+    return absl::InvalidArgumentError("submap.gnss.time_ns: too many");
+  }
+  if (columns.position_size() != 3 * count || columns.sigma_m_size() != 2 * count) {
+    return absl::InvalidArgumentError("submap.gnss: columns of different lengths");
+  }
+  for (int i = 0; i < count; ++i) {
+    GnssFix& fix = submap->gnss.emplace_back();
+    fix.time = Timestamp(columns.time_ns(i));
+    fix.position = {columns.position(3 * i), columns.position(3 * i + 1),
+                    columns.position(3 * i + 2)};
+    fix.sigma_horizontal_m = columns.sigma_m(2 * i);
+    fix.sigma_vertical_m = columns.sigma_m(2 * i + 1);
+  }
+  if (columns.antenna_in_camera_m_size() == 0) return absl::OkStatus();
+  if (columns.antenna_in_camera_m_size() != 3) {
+    return absl::InvalidArgumentError("submap.gnss.antenna_in_camera_m: neither 0 nor 3 numbers");
+  }
+  for (int i = 0; i < 3; ++i) submap->antenna_in_camera_m[i] = columns.antenna_in_camera_m(i);
+  return absl::OkStatus();
+}
+
 // The bytes of the numbers of a packed varint field.
 size_t VarintBytes(const google::protobuf::RepeatedField<uint32_t>& numbers) {
   size_t bytes = 0;
@@ -90,6 +132,7 @@ Status ToProto(const Submap& submap, v1::Submap* message) {
   EncodeFeatures(submap.keyframes, message->mutable_features());
   EncodeLandmarks(submap.landmarks, message->mutable_landmarks());
   EncodeFrames(submap.frames, message->mutable_frames());
+  EncodeGnss(submap, message);
   return absl::OkStatus();
 }
 
@@ -106,6 +149,7 @@ StatusOr<Submap> FromProto(const v1::Submap& message) {
   PORTOLAN_RETURN_IF_ERROR(DecodeFeatures(message.features(), &submap.keyframes));
   PORTOLAN_ASSIGN_OR_RETURN(submap.landmarks, DecodeLandmarks(message.landmarks()));
   PORTOLAN_ASSIGN_OR_RETURN(submap.frames, DecodeFrames(message.frames()));
+  PORTOLAN_RETURN_IF_ERROR(DecodeGnss(message.gnss(), &submap));
   PORTOLAN_RETURN_IF_ERROR(ValidateSubmapStructure(submap));
   return submap;
 }

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <numbers>
 #include <unordered_map>
 
 namespace portolan {
@@ -13,15 +15,22 @@ constexpr double kScaleGaugeSigma = 1e-3;
 class WindowAdjustment {
  public:
   WindowAdjustment(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
-                   bool hold_shared, MapModel* model)
+                   bool hold_shared, MapModel* model, const PositionReferences* positions)
       : options_(options),
         window_(window.begin(), window.end()),
         hold_shared_(hold_shared),
-        model_(*model) {}
+        model_(*model),
+        positions_(positions) {}
 
   MapAdjustment Run(int passes, const std::atomic<bool>* interrupt) {
     AddLandmarks();
-    FixGauge();
+    if (positions_ != nullptr) {
+      AddMetricDistances();
+      AddFixes();
+      for (const SurveyedPoint& point : positions_->points) AddSurveyedPoint(point);
+    } else {
+      FixGauge();
+    }
     BundleOptions bundle = options_.bundle;
     for (int pass = 0; pass < passes; ++pass) {
       if (pass > 0) {
@@ -158,6 +167,66 @@ class WindowAdjustment {
     }
   }
 
+  // Each fix pulls at the camera nearest in time, which is as far from the antenna as it is now.
+  void AddFixes() {
+    std::vector<SitePoint> points;
+    for (const PositionTerm& term : positions_->terms) points.push_back(term.point);
+    const std::vector<double> weights =
+        SiteWeights(options_.positions, SiteChi2(points, Similarity3::Identity()));
+    struct Pull {
+      Eigen::Vector3d information = Eigen::Vector3d::Zero();
+      Eigen::Vector3d weighted_sum = Eigen::Vector3d::Zero();
+    };
+    std::map<int, Pull> pulls;
+    for (size_t i = 0; i < points.size(); ++i) {
+      const PositionTerm& term = positions_->terms[i];
+      if (term.control_point >= 0) continue;
+      const int camera = CameraIndex(term.submap, static_cast<int>(std::lround(term.keyframe)));
+      const Eigen::Vector3d antenna_from_camera =
+          points[i].in_world - problem_.cameras[camera].world_from_camera.translation;
+      const Eigen::Vector3d information =
+          weights[i] * points[i].site_covariance.diagonal().cwiseInverse();
+      pulls[camera].information += information;
+      pulls[camera].weighted_sum +=
+          information.cwiseProduct(points[i].in_site - antenna_from_camera);
+    }
+    for (const auto& [camera, pull] : pulls) {
+      problem_.cameras[camera].prior =
+          PositionPrior{pull.weighted_sum.cwiseQuotient(pull.information), 1.0,
+                        pull.information.cwiseSqrt().cwiseInverse()};
+    }
+  }
+
+  // Its own error counts as one of the pixels; all observations share it.
+  void AddSurveyedPoint(const SurveyedPoint& surveyed) {
+    const int point = static_cast<int>(problem_.points.size());
+    problem_.points.push_back({surveyed.position_in_site, true});
+    const double sigma_m =
+        std::sqrt(static_cast<double>(surveyed.sights.size())) * surveyed.sigma_m;
+    for (const SurveyedPoint::Sight& sight : surveyed.sights) {
+      BundleObservation observation;
+      observation.camera = CameraIndex(sight.submap, sight.keyframe);
+      observation.point = point;
+      observation.pixel = sight.pixel;
+      observation.sigma_px = sight.sigma_px;
+      const BundleCamera& camera = problem_.cameras[observation.camera];
+      Matrix23d jacobian;
+      const bool projects =
+          camera.model
+              ->Project(camera.world_from_camera.rotation.conjugate() *
+                            (surveyed.position_in_site - camera.world_from_camera.translation),
+                        &jacobian)
+              .has_value();
+      if (projects) {
+        observation.sigma_px =
+            std::hypot(sight.sigma_px, sigma_m * jacobian.norm() / std::numbers::sqrt2);
+      }
+      observation.inlier =
+          projects && ReprojectionChi2(problem_, observation) < options_.control_point_chi2;
+      problem_.observations.push_back(observation);
+    }
+  }
+
   // Median distance of a submap's landmarks, in the world's units.
   double SceneDepth(SubmapId id) const {
     const ModelSubmap& submap = model_.submap(id);
@@ -175,7 +244,7 @@ class WindowAdjustment {
   void Retriangulate() {
     const double scene_depth = MedianDepth(problem_);
     size_t begin = 0;
-    while (begin < problem_.observations.size()) {
+    while (begin < names_.size()) {
       size_t end = begin;
       int inliers = 0;
       const int point = problem_.observations[begin].point;
@@ -223,9 +292,11 @@ class WindowAdjustment {
   const std::set<SubmapId> window_;
   const bool hold_shared_;
   MapModel& model_;
+  const PositionReferences* const positions_;
   BundleProblem problem_;
-  std::vector<SightName> names_;      // parallel to the observations
-  std::vector<int> point_landmarks_;  // parallel to the points
+  // Parallel to the observations and to the points; those of control points follow.
+  std::vector<SightName> names_;
+  std::vector<int> point_landmarks_;
   std::vector<std::pair<SubmapId, int>> camera_names_;
   std::unordered_map<uint64_t, int> cameras_;
   MapAdjustment result_;
@@ -237,19 +308,21 @@ Status MapAdjusterOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(bundle.Validate());
   PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
   PORTOLAN_RETURN_IF_ERROR(metric.Validate());
-  if (!(min_metric_path_of_depth >= 0)) {
-    return absl::InvalidArgumentError("map adjuster: min_metric_path_of_depth is negative");
+  PORTOLAN_RETURN_IF_ERROR(positions.Validate());
+  if (!(min_metric_path_of_depth >= 0) || !(control_point_chi2 > 0)) {
+    return absl::InvalidArgumentError("map adjuster: limits out of range");
   }
   return absl::OkStatus();
 }
 
 MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
-                        int passes, const std::atomic<bool>* interrupt, MapModel* model) {
-  return WindowAdjustment(options, window, false, model).Run(passes, interrupt);
+                        int passes, const std::atomic<bool>* interrupt, MapModel* model,
+                        const PositionReferences* positions) {
+  return WindowAdjustment(options, window, false, model, positions).Run(passes, interrupt);
 }
 
 MapAdjustment AdjustSubmapToMap(const MapAdjusterOptions& options, SubmapId id, MapModel* model) {
-  return WindowAdjustment(options, {id}, true, model).Run(1, nullptr);
+  return WindowAdjustment(options, {id}, true, model, nullptr).Run(1, nullptr);
 }
 
 }  // namespace portolan

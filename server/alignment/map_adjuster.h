@@ -11,6 +11,7 @@
 #include "common/bundle/triangulation.h"
 #include "server/alignment/map_model.h"
 #include "server/alignment/metric_frame.h"
+#include "server/alignment/position_references.h"
 #include "server/refinement/bundle_adjuster.h"
 
 namespace portolan {
@@ -24,6 +25,10 @@ struct MapAdjusterOptions {
   // A metric submap whose path is shorter than this share of its scene's depth has no say: a
   // distance of next to nothing tells no scale.
   double min_metric_path_of_depth = 0.05;
+  // How far a fix may be off before it loses weight.
+  GeoreferenceFitOptions positions;
+  // Squared error, in sigmas, up to which a control point's observation takes part at first.
+  double control_point_chi2 = 400.0;
 
   Status Validate() const;
 };
@@ -40,8 +45,12 @@ struct MapAdjustment {
 // camera is, and unless a metric submap tells the scale, its distance to the farthest camera.
 // `passes` counts solves; between two, landmarks without inliers are triangulated again. Afterwards
 // world_from_submap follows the cameras. Deterministic with one thread.
+// `positions` (null for none; the window is a component whose world is the site frame): fixes pull
+// at the cameras nearest in time, and control points are landmarks that stay; then no camera is
+// held.
 MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
-                        int passes, const std::atomic<bool>* interrupt, MapModel* model);
+                        int passes, const std::atomic<bool>* interrupt, MapModel* model,
+                        const PositionReferences* positions = nullptr);
 
 // Adjusts the cameras of one submap to the landmarks that other submaps see as well, which are
 // held, and its other landmarks; the keyframe shared with the predecessor is held too. Costs what

@@ -13,13 +13,14 @@ Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(link.Validate());
   PORTOLAN_RETURN_IF_ERROR(adjuster.Validate());
   PORTOLAN_RETURN_IF_ERROR(relaxation.Validate());
+  PORTOLAN_RETURN_IF_ERROR(positions.Validate());
   PORTOLAN_RETURN_IF_ERROR(graph.Validate());
   PORTOLAN_RETURN_IF_ERROR(consistency.Validate());
   PORTOLAN_RETURN_IF_ERROR(judge.Validate());
   PORTOLAN_RETURN_IF_ERROR(relations.Validate());
   if (full_component_submaps < 1 || region_submaps < 1 || loop_region_submaps < 2 ||
       max_loop_region_submaps < loop_region_submaps || placing_iterations < 1 ||
-      max_region_visits < 1 || !(relaxing_growth > 1)) {
+      max_region_visits < 1 || !(relaxing_growth > 1) || bending_iterations < 1) {
     return absl::InvalidArgumentError("map aligner: sizes must be positive");
   }
   if (min_matches_of_single_closure < 1 ||
@@ -37,6 +38,7 @@ void MapAligner::RestoreSubmap(const PlacedSubmap& placed) {
   const SubmapId id = placed.refined->id;
   model_.Restore(placed, LinkOf(*placed.refined));
   id_of_key_[placed.refined->raw->key] = id;
+  has_fixes_ = has_fixes_ || !placed.refined->raw->gnss.empty();
   relations_.AddSubmap(model_, id);
   if (!model_.submap(id).quarantined()) MarkStale(id, 1);
 }
@@ -68,6 +70,7 @@ void MapAligner::RestoreWaitingClosure(std::shared_ptr<const Closure> closure) {
 void MapAligner::AddSubmap(std::shared_ptr<const RefinedSubmap> refined) {
   const SubmapId id = refined->id;
   id_of_key_[refined->raw->key] = id;
+  has_fixes_ = has_fixes_ || !refined->raw->gnss.empty();
   const std::optional<SubmapRelation> link = LinkOf(*refined);
   model_.Add(std::move(refined), link);
   relations_.AddSubmap(model_, id);
@@ -136,6 +139,7 @@ void MapAligner::Join(const std::vector<Closure>& agreeing) {
   const ComponentId in_a = a.component;
   const ComponentId in_b = b.component;
   stale_.erase(std::max(in_a, in_b));
+  georeferences_.erase(std::max(in_a, in_b));
   const std::vector<SubmapId> moved = model_.SubmapsOf(std::max(in_a, in_b));
   if (in_a < in_b) {
     model_.MoveComponent(in_b, in_a, a_world_from_b_world);
@@ -284,9 +288,14 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
     AdjustRegion(interrupt);
     return;
   }
+  PositionReferences positions;
+  const bool has_positions = Georeference(component, &positions);
+  if (has_positions && !BendToPositions(component, interrupt, &positions)) return;
   MakeMetric(component);
-  last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_);
+  last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
+                               has_positions ? &positions : nullptr);
   Touch(ids);
+  ReportPositions(component);
   if (last_adjustment_.summary.interrupted) return;
   stale_.erase(component);
   MakeMetric(component);
@@ -346,6 +355,9 @@ void MapAligner::PartComponent(ComponentId component) {
       }
     }
     model_.NamePart(part, name);
+    if (name != component && IsGeoreferenced(component)) {
+      georeferences_[name] = georeferences_.at(component);
+    }
     relations_.Rechain(model_, part);
     MarkStale(part.front(), 2);
     Touch(part);
@@ -353,6 +365,7 @@ void MapAligner::PartComponent(ComponentId component) {
 }
 
 void MapAligner::MakeMetric(ComponentId component) {
+  if (IsGeoreferenced(component)) return;
   const Similarity3 metric_from_world =
       MetricFromWorld(options_.adjuster.metric, model_, model_.SubmapsOf(component));
   if (metric_from_world.scale == 1 && metric_from_world.rotation.w() == 1) return;

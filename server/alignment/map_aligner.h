@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <set>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -16,8 +17,10 @@
 #include "server/alignment/map_adjuster.h"
 #include "server/alignment/map_model.h"
 #include "server/alignment/map_relaxation.h"
+#include "server/alignment/position_references.h"
 #include "server/alignment/relation_graph.h"
 #include "server/alignment/submap_relations.h"
+#include "server/georeference/georeference_report.h"
 #include "server/verification/closure.h"
 #include "server/verification/pairwise_consistency.h"
 
@@ -28,6 +31,9 @@ struct MapAlignerOptions {
   SubmapLinkOptions link;
   MapAdjusterOptions adjuster;
   MapRelaxationOptions relaxation;
+  // How control points and fixes become terms, and the steps in which a component bends to them.
+  PositionReferenceOptions positions;
+  int bending_iterations = 10;
   RelationGraphOptions graph;
   PairwiseConsistencyOptions consistency;
   // For components whose waiting closures contradict the accepted ones.
@@ -85,6 +91,13 @@ class MapAligner {
   void RestoreClosure(std::shared_ptr<const Closure> closure);
   void RestoreWaitingClosure(std::shared_ptr<const Closure> closure);
 
+  // The component's world is the site frame about this origin.
+  void RestoreGeoreference(ComponentId component, const SiteOrigin& origin);
+
+  // Control points and origin, instead of those before. The background work that follows puts the
+  // components that know enough positions into the site's frame and bends them.
+  void SetSurvey(std::shared_ptr<const Survey> survey);
+
   // Links a refined submap to its predecessor, if that is there and sound, and places it.
   void AddSubmap(std::shared_ptr<const RefinedSubmap> refined);
   // Judges new closures (with those that wait): joins components, corrects drift, unites landmarks.
@@ -104,6 +117,10 @@ class MapAligner {
   const MapModel& model() const { return model_; }
   const ClosureList& closures() const { return relations_.closures(); }
   const ClosureList& waiting_closures() const { return pending_; }
+  // Components in which positions are known, georeferenced or not; as of their last adjustment.
+  const std::map<ComponentId, std::shared_ptr<const GeoreferenceReport>>& georeferences() const {
+    return georeferences_;
+  }
   const MapAdjustment& last_adjustment() const { return last_adjustment_; }
   // Submaps whose pose, component or landmarks changed since the last call.
   std::set<SubmapId> TakeTouched();
@@ -140,11 +157,25 @@ class MapAligner {
   bool Survives(const Closure& closure) const;
   void DropFailedClosures(ComponentId component);
   void PartComponent(ComponentId component);
-  // Moves the component's world to metres and a vertical axis, as its metric submaps have it.
+  // Moves the component's world to metres and a vertical axis, as its metric submaps have it,
+  // unless it is in the site's frame.
   void MakeMetric(ComponentId component);
   void TouchComponent(ComponentId component);
   void Touch(const std::vector<SubmapId>& window);
   void MarkStale(SubmapId id, int urgency);
+
+  // For known positions (map_aligner_georeference.cc).
+  bool IsGeoreferenced(ComponentId component) const;
+  // Puts the component into the site's frame if its positions determine that, and reports. False:
+  // it is not there; otherwise `references` are all its positions.
+  bool Georeference(ComponentId component, PositionReferences* references);
+  // Relaxes the component if the positions ask for it. False: interrupted.
+  bool BendToPositions(ComponentId component, const std::atomic<bool>& interrupt,
+                       PositionReferences* references);
+  void ChooseSite();
+  void ReportProblem(ComponentId component, std::string problem);
+  // What is left of the errors, if the component is in the site's frame.
+  void ReportPositions(ComponentId component);
 
   // For large components (map_aligner_regions.cc).
   bool CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> candidates);
@@ -174,6 +205,10 @@ class MapAligner {
   MapAlignerOptions options_;
   MapModel model_;
   SubmapRelations relations_;
+  std::shared_ptr<const Survey> survey_ = std::make_shared<const Survey>();
+  std::optional<SiteOrigin> site_;
+  bool has_fixes_ = false;  // some submap has
+  std::map<ComponentId, std::shared_ptr<const GeoreferenceReport>> georeferences_;
   ClosureList pending_;
   // Waiting closures inside of large components that were judged already.
   std::set<const Closure*> judged_;

@@ -269,9 +269,13 @@ void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt
   const std::vector<SubmapId> ids = model_.SubmapsOf(component);
   std::map<SubmapId, Similarity3> before;
   for (const SubmapId id : ids) before.emplace(id, model_.submap(id).world_from_submap);
+  PositionReferences positions;
+  const bool has_positions = Georeference(component, &positions);
   const RelaxationSummary summary =
-      RelaxSubmaps(options_.relaxation, options_.adjuster.metric, ids, &interrupt, &model_);
+      RelaxSubmaps(options_.relaxation, options_.adjuster.metric, ids, &interrupt, &model_,
+                   has_positions ? &positions.terms : nullptr);
   if (summary.iterations > 0) moved_.insert(ids.begin(), ids.end());
+  ReportPositions(component);
   if (summary.interrupted) return;
   strained_.erase(component);
   for (const SubmapId id : ids) visits_.erase(id);
@@ -305,8 +309,12 @@ void MapAligner::PolishLargeComponent(const std::atomic<bool>& interrupt) {
     unpolished_.erase(component);
     return;
   }
-  last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_);
+  PositionReferences positions;
+  const bool has_positions = Georeference(component, &positions);
+  last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
+                               has_positions ? &positions : nullptr);
   Touch(ids);
+  ReportPositions(component);
   if (last_adjustment_.summary.interrupted) return;
   unpolished_.erase(component);
   TakeBackFailed(ids);

@@ -11,11 +11,10 @@
 
 #include "server/alignment/block_system.h"
 #include "server/alignment/relaxation_elements.h"
+#include "server/alignment/relaxation_positions.h"
 
 namespace portolan {
 namespace {
-
-using Matrix37d = Eigen::Matrix<double, 3, 7>;
 
 // Squared error, in sigmas, of an observation whose point no longer projects.
 constexpr double kUnprojectableChi2 = 800.0;
@@ -27,9 +26,14 @@ class Relaxation {
  public:
   Relaxation(const MapRelaxationOptions& options, const MetricFrameOptions& metric,
              const std::vector<SubmapId>& submaps, const std::atomic<bool>* interrupt,
-             MapModel* model)
+             MapModel* model, const std::vector<PositionTerm>* positions)
       : options_(options), interrupt_(interrupt), model_(*model) {
     AddBodies(submaps);
+    if (positions != nullptr) {
+      for (const PositionTerm& term : *positions) {
+        positions_.Add(body_of_.at(term.submap), bodies_[body_of_.at(term.submap)], term);
+      }
+    }
     for (const auto& [id, measurement] : MeasureScales(metric, model_, submaps)) {
       scales_.emplace(body_of_.at(id), measurement);
     }
@@ -136,8 +140,9 @@ class Relaxation {
   // Fills normal equations in which the landmarks are eliminated; returns the cost.
   std::optional<double> Linearize() {
     ChooseLoss();
+    positions_.ChooseLoss(options_.positions);
     system_.Reset(node_count_);
-    double cost = ScaleCost(Eigen::VectorXd());
+    double cost = ScaleCost(Eigen::VectorXd()) + positions_.Cost();
     LinearLandmark linear;
     int count = 0;
     for (const int landmark : landmarks_) {
@@ -147,6 +152,10 @@ class Relaxation {
       if (!linear.views.empty()) Eliminate(model_.landmarks()[landmark], linear);
     }
     AddScales();
+    if (!positions_.empty()) {
+      positions_.AddTo(bodies_, &system_);
+      return cost;
+    }
     Matrix7d& first = system_.Block(0, 0);
     for (int i = 0; i < (scales_.empty() ? 7 : 6); ++i) first(i, i) = 2 * first(i, i) + 1;
     return cost;
@@ -203,20 +212,6 @@ class Relaxation {
     const double sigma = options_.distance_prior_relative * nearest;
     information.diagonal().array() += 1.0 / std::max(sigma * sigma, 1e-18);
     linear->inverse_information = information.llt().solve(Eigen::Matrix3d::Identity());
-  }
-
-  // Derivative of the point by tangents at the submap's start and end, if all of it moved by them.
-  std::array<Matrix37d, 2> PointJacobians(const RelaxationBody& body,
-                                          const Eigen::Vector3d& point) const {
-    const Similarity3& frame = body.world_from_submap;
-    const Eigen::Vector3d in_submap = body.submap_from_world * point;
-    const Eigen::Matrix3d scaled = frame.scale * frame.rotation.toRotationMatrix();
-    std::array<Matrix37d, 2> jacobians;
-    jacobians[0].leftCols<3>() = scaled;
-    jacobians[0].middleCols<3>(3) = -scaled * Skew(in_submap);
-    jacobians[0].col(6) = scaled * in_submap;
-    jacobians[1] = jacobians[0] * body.from_end;
-    return jacobians;
   }
 
   // Adds the landmark's Schur complement.
@@ -303,17 +298,21 @@ class Relaxation {
            part * (body.from_end * step_.segment<7>(7 * body.nodes[1]));
   }
 
-  // How the step moves the world about every camera.
+  // How the step moves the world about a part of a body.
+  Similarity3 ChangeOf(const RelaxationBody& body, double part) const {
+    return body.world_from_submap * Similarity3::Exp(StepOf(body, part)) * body.submap_from_world;
+  }
+
+  // ... about every camera.
   void UpdateChanges() {
     for (size_t i = 0; i < bodies_.size(); ++i) {
       const RelaxationBody& body = bodies_[i];
       changes_[i].clear();
       for (int k = 0; k <= body.last_keyframe; ++k) {
-        changes_[i].push_back(body.world_from_submap *
-                              Similarity3::Exp(StepOf(body, body.PartOf(k))) *
-                              body.submap_from_world);
+        changes_[i].push_back(ChangeOf(body, body.PartOf(k)));
       }
     }
+    positions_.Try([this](int body, double part) { return ChangeOf(bodies_[body], part); });
   }
 
   Eigen::Vector3d PointAfterStep(const ModelLandmark& landmark,
@@ -332,7 +331,7 @@ class Relaxation {
   std::optional<double> CostAfterStep() {
     UpdateChanges();
     points_.clear();
-    double cost = ScaleCost(step_);
+    double cost = ScaleCost(step_) + positions_.CostOfTrial();
     LinearLandmark linear;
     for (const int index : landmarks_) {
       if (points_.size() % kInterruptInterval == 0 && Interrupted()) return std::nullopt;
@@ -365,6 +364,7 @@ class Relaxation {
   }
 
   void WriteBack() {
+    positions_.AcceptTrial();
     std::vector<std::vector<Rigid3>> cameras;
     for (size_t i = 0; i < bodies_.size(); ++i) {
       cameras.push_back(model_.submap(bodies_[i].id).world_from_camera);
@@ -395,6 +395,7 @@ class Relaxation {
   std::map<int, double> log_scale_moved_;
   std::vector<int> landmarks_;  // in the model
   double loss_square_ = 1;      // of the scale of the Cauchy loss
+  RelaxationPositions positions_;
   BlockSystem system_;
   Eigen::VectorXd step_;
   std::vector<std::vector<Similarity3>> changes_;  // of the world, by body and keyframe
@@ -405,6 +406,7 @@ class Relaxation {
 }  // namespace
 
 Status MapRelaxationOptions::Validate() const {
+  PORTOLAN_RETURN_IF_ERROR(positions.Validate());
   if (max_iterations < 1 || !(min_decrease >= 0) || !(loss_scale_sigmas > 0) ||
       !(readmitting_chi2 >= 0) || !(distance_prior_relative > 0)) {
     return absl::InvalidArgumentError("map relaxation: limits out of range");
@@ -415,8 +417,9 @@ Status MapRelaxationOptions::Validate() const {
 RelaxationSummary RelaxSubmaps(const MapRelaxationOptions& options,
                                const MetricFrameOptions& metric,
                                const std::vector<SubmapId>& submaps,
-                               const std::atomic<bool>* interrupt, MapModel* model) {
-  return Relaxation(options, metric, submaps, interrupt, model).Run();
+                               const std::atomic<bool>* interrupt, MapModel* model,
+                               const std::vector<PositionTerm>* positions) {
+  return Relaxation(options, metric, submaps, interrupt, model, positions).Run();
 }
 
 }  // namespace portolan

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "server/alignment/map_adjuster.h"
+#include "server/alignment/position_references.h"
 
 namespace portolan {
 
@@ -28,6 +29,8 @@ struct MapRelaxationOptions {
   // Squared error, in sigmas, up to which observations take part that the bundle adjustment left
   // out: at a loop that it could not yet close they may well be right.
   double readmitting_chi2 = 64.0;
+  // How far a position's error may go before it loses weight, and the like.
+  GeoreferenceFitOptions positions;
   // Prior of a landmark's position relative to its distance, which holds those without parallax.
   double distance_prior_relative = 0.5;
 
@@ -42,12 +45,15 @@ struct RelaxationSummary {
 };
 
 // Moves the cameras and landmarks of the submaps (a whole component, ascending). The first one's
-// start stays, but for its scale if metric submaps tell it. Takes time in proportion to the
+// start stays, but for its scale if metric submaps tell it. With `positions` (null for none; the
+// world is the site frame) everything moves, and the submaps bend so that the terms' places come to
+// theirs, too; terms that contradict the others lose weight. Takes time in proportion to the
 // observations. Interrupted, it keeps the steps that were complete. Deterministic.
 RelaxationSummary RelaxSubmaps(const MapRelaxationOptions& options,
                                const MetricFrameOptions& metric,
                                const std::vector<SubmapId>& submaps,
-                               const std::atomic<bool>* interrupt, MapModel* model);
+                               const std::atomic<bool>* interrupt, MapModel* model,
+                               const std::vector<PositionTerm>* positions = nullptr);
 
 }  // namespace portolan
 

@@ -25,6 +25,22 @@ struct RelaxationBody {
   }
 };
 
+using Matrix37d = Eigen::Matrix<double, 3, 7>;
+
+// Derivative of the point by tangents at the submap's start and end, if all of it moved by them.
+inline std::array<Matrix37d, 2> PointJacobians(const RelaxationBody& body,
+                                               const Eigen::Vector3d& point) {
+  const Similarity3& frame = body.world_from_submap;
+  const Eigen::Vector3d in_submap = body.submap_from_world * point;
+  const Eigen::Matrix3d scaled = frame.scale * frame.rotation.toRotationMatrix();
+  std::array<Matrix37d, 2> jacobians;
+  jacobians[0].leftCols<3>() = scaled;
+  jacobians[0].middleCols<3>(3) = -scaled * Skew(in_submap);
+  jacobians[0].col(6) = scaled * in_submap;
+  jacobians[1] = jacobians[0] * body.from_end;
+  return jacobians;
+}
+
 // What the cameras of one submap say about one landmark: sums of J' J and J' r, J with respect to
 // the landmark, weighted by the cameras' shares of the start's and the end's movement.
 struct RelaxationView {

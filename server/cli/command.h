@@ -52,6 +52,8 @@ int RunLandmarks(std::span<const std::string> args);
 int RunTrajectory(std::span<const std::string> args);
 int RunFollow(std::span<const std::string> args);
 int RunExport(std::span<const std::string> args);
+int RunControlPoints(std::span<const std::string> args);
+int RunGeoreference(std::span<const std::string> args);
 int RunSettle(std::span<const std::string> args);
 
 }  // namespace portolan

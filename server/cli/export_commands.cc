@@ -6,6 +6,7 @@
 #include "common/base/concat.h"
 #include "server/cli/command.h"
 #include "server/cli/exports.h"
+#include "server/cli/output_frame.h"
 #include "server/evaluation/map_plot.h"
 
 namespace portolan {
@@ -45,8 +46,10 @@ StatusOr<v1::LandmarkPage> AllLandmarks(const MapClient& client, int64_t compone
   return client.QueryLandmarks(request);
 }
 
-Status ExportPly(const MapClient& client, int64_t component, const std::string& path) {
-  PORTOLAN_ASSIGN_OR_RETURN(const v1::LandmarkPage page, AllLandmarks(client, component));
+Status ExportPly(const MapClient& client, int64_t component, OutputFrame frame,
+                 const std::string& path) {
+  PORTOLAN_ASSIGN_OR_RETURN(v1::LandmarkPage page, AllLandmarks(client, component));
+  PORTOLAN_RETURN_IF_ERROR(ConvertLandmarks(client, frame, &page));
   return WriteOutput(path, [&](std::ostream& out) { WritePly(page, out); });
 }
 
@@ -88,7 +91,7 @@ Status ExportPng(const MapClient& client, int64_t component, const std::string& 
 }
 
 // One file an agent in the folder `path`.
-Status ExportTum(const MapClient& client, int64_t component, bool all_frames,
+Status ExportTum(const MapClient& client, int64_t component, bool all_frames, OutputFrame frame,
                  const std::string& path) {
   PORTOLAN_ASSIGN_OR_RETURN(const v1::ListAgentsResponse agents, client.ListAgents());
   for (const v1::AgentInfo& agent : agents.agents()) {
@@ -96,7 +99,8 @@ Status ExportTum(const MapClient& client, int64_t component, bool all_frames,
     request.set_agent_id(agent.agent_id());
     request.set_component_id(component);
     request.set_kind(all_frames ? v1::TRAJECTORY_KIND_FRAMES : v1::TRAJECTORY_KIND_KEYFRAMES);
-    PORTOLAN_ASSIGN_OR_RETURN(const auto segments, client.GetTrajectory(request));
+    PORTOLAN_ASSIGN_OR_RETURN(auto segments, client.GetTrajectory(request));
+    PORTOLAN_RETURN_IF_ERROR(ConvertTrajectory(client, frame, &segments));
     if (component == 0) WarnOfSeveralComponents(segments);
     PORTOLAN_RETURN_IF_ERROR(
         WriteOutput(Concat(path.empty() ? "." : path, "/", agent.agent_id(), ".tum"),
@@ -125,6 +129,8 @@ int RunTrajectory(std::span<const std::string> args) {
   table.Add("all_frames", &all_frames, "", "Every processed frame instead of keyframes.");
   table.Add("component", &component, "", "Only poses in this component; 0: in any.");
   table.Add("out", &path, "", "File to write; empty: standard output.");
+  OutputFrame frame = OutputFrame::kWorld;
+  AddOutputFrame(&table, &frame);
   CommandLine line;
   int exit_code;
   if (!ParseArguments(args,
@@ -137,9 +143,11 @@ int RunTrajectory(std::span<const std::string> args) {
   request.set_agent_id(agent);
   request.set_component_id(component);
   request.set_kind(all_frames ? v1::TRAJECTORY_KIND_FRAMES : v1::TRAJECTORY_KIND_KEYFRAMES);
-  const auto segments =
-      MapClient(client.server, FromSeconds(client.timeout_s)).GetTrajectory(request);
+  const MapClient map(client.server, FromSeconds(client.timeout_s));
+  auto segments = map.GetTrajectory(request);
   if (!segments.ok()) return Fail(segments.status());
+  const Status converted = ConvertTrajectory(map, frame, &*segments);
+  if (!converted.ok()) return Fail(converted);
   WarnOfSeveralComponents(*segments);
   const Status status =
       client.json ? PrintSegmentsAsJson(*segments, path)
@@ -159,6 +167,8 @@ int RunExport(std::span<const std::string> args) {
   table.Add("component", &component, "",
             "Only this component; 0: for ply the largest, else all of them.");
   table.Add("all_frames", &all_frames, "", "tum: every processed frame instead of keyframes.");
+  OutputFrame frame = OutputFrame::kWorld;
+  AddOutputFrame(&table, &frame);
   CommandLine line;
   int exit_code;
   constexpr std::string_view kUsage =
@@ -171,11 +181,11 @@ int RunExport(std::span<const std::string> args) {
   const MapClient map(client.server, FromSeconds(client.timeout_s));
   Status status;
   if (format == "ply") {
-    status = ExportPly(map, component, path);
+    status = ExportPly(map, component, frame, path);
   } else if (format == "png") {
     status = ExportPng(map, component, path);
   } else if (format == "tum") {
-    status = ExportTum(map, component, all_frames, path);
+    status = ExportTum(map, component, all_frames, frame, path);
   } else if (format == "g2o") {
     status = ExportG2o(map, component, path);
   } else {

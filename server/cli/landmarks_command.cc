@@ -5,6 +5,7 @@
 
 #include "common/base/concat.h"
 #include "server/cli/command.h"
+#include "server/cli/output_frame.h"
 
 namespace portolan {
 namespace {
@@ -60,7 +61,8 @@ StatusOr<v1::QueryLandmarksRequest> MakeRequest(const LandmarksOptions& options)
   return request;
 }
 
-void Print(const v1::LandmarkPage& page) {
+// `digits`: after the decimal point of the first two coordinates.
+void Print(const v1::LandmarkPage& page, int digits) {
   std::printf(
       "# map version %llu, component %lld, %s; id x y z sigma_x sigma_y sigma_z "
       "observations agents\n",
@@ -75,9 +77,10 @@ void Print(const v1::LandmarkPage& page) {
     const auto sigma = [&](int i) {
       return landmark.covariance_size() == 6 ? std::sqrt(landmark.covariance(i)) : NAN;
     };
-    std::printf("%lld %.6f %.6f %.6f %.2g %.2g %.2g %u %s\n",
-                static_cast<long long>(landmark.landmark_id()), point.x(), point.y(), point.z(),
-                sigma(0), sigma(3), sigma(5), landmark.observation_count(), agents.c_str());
+    std::printf("%lld %.*f %.*f %.6f %.2g %.2g %.2g %u %s\n",
+                static_cast<long long>(landmark.landmark_id()), digits, point.x(), digits,
+                point.y(), point.z(), sigma(0), sigma(3), sigma(5), landmark.observation_count(),
+                agents.c_str());
   }
 }
 
@@ -89,6 +92,8 @@ int RunLandmarks(std::span<const std::string> args) {
   OptionTable table;
   client.AddTo(&table);
   options.AddTo(&table);
+  OutputFrame frame = OutputFrame::kWorld;
+  AddOutputFrame(&table, &frame);
   CommandLine line;
   int exit_code;
   if (!ParseArguments(args,
@@ -100,11 +105,13 @@ int RunLandmarks(std::span<const std::string> args) {
   }
   const auto request = MakeRequest(options);
   if (!request.ok()) return Fail(request.status());
-  const auto page =
-      MapClient(client.server, FromSeconds(client.timeout_s)).QueryLandmarks(*request);
+  const MapClient map(client.server, FromSeconds(client.timeout_s));
+  auto page = map.QueryLandmarks(*request);
   if (!page.ok()) return Fail(page.status());
+  const Status converted = ConvertLandmarks(map, frame, &*page);
+  if (!converted.ok()) return Fail(converted);
   if (!client.json) {
-    Print(*page);
+    Print(*page, frame == OutputFrame::kWgs84 ? 10 : 6);
     return kExitOk;
   }
   const StatusOr<std::string> json = ToJson(*page);

@@ -24,6 +24,10 @@ constexpr Command kCommands[] = {
     {"trajectory", "an agent's trajectory", portolan::RunTrajectory},
     {"follow", "changes as they happen", portolan::RunFollow},
     {"export", "the map as PLY, TUM or g2o", portolan::RunExport},
+    {"control-points", "surveyed points: list, add, import, remove; the site's origin",
+     portolan::RunControlPoints},
+    {"georeference", "how components fit control points and satellite fixes",
+     portolan::RunGeoreference},
     {"settle", "waits until the map has settled", portolan::RunSettle},
     {"evaluate", "compares trajectories with ground truth",
      [](std::span<const std::string> args) { return portolan::RunEvaluate(args); }},
@@ -33,7 +37,7 @@ constexpr Command kCommands[] = {
 void PrintUsage(std::ostream& out) {
   out << "usage: portolan COMMAND [flags]\n\ncommands (portolan COMMAND --help tells more):\n";
   for (const Command& command : kCommands) {
-    out << "  " << command.name << std::string(12 - std::string(command.name).size(), ' ')
+    out << "  " << command.name << std::string(16 - std::string(command.name).size(), ' ')
         << command.summary << "\n";
   }
 }

@@ -45,7 +45,8 @@ void PrintInfo(const v1::MapInfo& info) {
     std::cout << "component " << component.component_id() << ": " << component.submap_count()
               << " submaps, " << component.landmark_count() << " landmarks, "
               << (component.metric() ? "metric" : "scale free")
-              << (component.gravity_aligned() ? ", gravity aligned" : "") << ", agents";
+              << (component.gravity_aligned() ? ", gravity aligned" : "")
+              << (component.has_site_origin() ? ", georeferenced" : "") << ", agents";
     for (const std::string& agent : component.agent_ids()) std::cout << " " << agent;
     std::cout << "\n";
   }

@@ -40,12 +40,30 @@ void AddToComponent(const SubmapState& state, ComponentState* component) {
   component->gravity_aligned = component->gravity_aligned || raw.gravity_in_submap.has_value();
 }
 
+bool IsInSite(const ComponentState& component) {
+  return component.georeference && component.georeference->is_georeferenced;
+}
+
+// Some component is no longer metric for being georeferenced.
+bool LeftTheSite(
+    const MapSnapshot& previous,
+    const std::map<ComponentId, std::shared_ptr<const GeoreferenceReport>>& georeferences) {
+  return std::any_of(previous.components.begin(), previous.components.end(),
+                     [&](const auto& component) {
+                       const auto known = georeferences.find(component.id);
+                       return IsInSite(component) &&
+                              (known == georeferences.end() || !known->second->is_georeferenced);
+                     });
+}
+
 // Those of the version before and, as long as nobody changed sides, of the new submaps.
 std::vector<ComponentState> Components(
-    const MapSnapshot& previous, const std::vector<std::shared_ptr<const SubmapState>>& states) {
+    const MapSnapshot& previous, const std::vector<std::shared_ptr<const SubmapState>>& states,
+    const std::map<ComponentId, std::shared_ptr<const GeoreferenceReport>>& georeferences) {
   std::map<ComponentId, ComponentState> components;
   for (const ComponentState& component : previous.components) components[component.id] = component;
-  bool some_changed = previous.submaps.size() > states.size();
+  bool some_changed =
+      previous.submaps.size() > states.size() || LeftTheSite(previous, georeferences);
   for (size_t i = 0; i < states.size() && !some_changed; ++i) {
     if (i >= previous.submaps.size()) {
       AddToComponent(*states[i], &components[states[i]->component]);
@@ -59,7 +77,12 @@ std::vector<ComponentState> Components(
     for (const auto& state : states) AddToComponent(*state, &components[state->component]);
   }
   std::vector<ComponentState> result;
-  for (const auto& [id, component] : components) result.push_back(component);
+  for (auto& [id, component] : components) {
+    const auto known = georeferences.find(id);
+    component.georeference = known == georeferences.end() ? nullptr : known->second;
+    if (IsInSite(component)) component.metric = component.gravity_aligned = true;
+    result.push_back(component);
+  }
   return result;
 }
 
@@ -77,6 +100,11 @@ void RestoreMap(const MapSnapshot& snapshot, MapAligner* aligner) {
   for (const auto& state : snapshot.submaps) {
     aligner->RestoreSubmap(
         {state->refined, state->component, state->world_from_submap, state->world_from_camera});
+  }
+  for (const ComponentState& component : snapshot.components) {
+    if (IsInSite(component)) {
+      aligner->RestoreGeoreference(component.id, component.georeference->origin);
+    }
   }
   for (const auto& state : snapshot.submaps) {
     for (const FusedLandmark& landmark : state->landmarks) {
@@ -267,7 +295,7 @@ std::shared_ptr<const MapSnapshot> MapFuser::Fuse(const MapSnapshot& previous,
     auto& state = *place_of(id);
     state = FuseSomeLandmarks(model, id, *state, tracks);
   }
-  snapshot->components = Components(previous, states);
+  snapshot->components = Components(previous, states, aligner->georeferences());
   return snapshot;
 }
 

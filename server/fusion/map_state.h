@@ -12,6 +12,7 @@
 
 #include "server/alignment/closure_list.h"
 #include "server/alignment/landmark_sight.h"
+#include "server/georeference/georeference_report.h"
 #include "server/refinement/refined_submap.h"
 #include "server/verification/closure.h"
 
@@ -50,6 +51,9 @@ struct ComponentState {
   ComponentId id;  // value of its oldest submap's SubmapId
   bool metric = false;
   bool gravity_aligned = false;
+  // Null: no positions are known in it. If georeferenced, its world is the site frame, and it is
+  // metric and gravity aligned.
+  std::shared_ptr<const GeoreferenceReport> georeference = nullptr;
 };
 
 // One version of the map. Submaps ascend by id; quarantined ones are included, in a component of

@@ -16,6 +16,7 @@ class MapEngine {
   virtual ~MapEngine() = default;
 
   virtual void Restore(std::shared_ptr<const MapSnapshot> snapshot) = 0;
+  virtual void SetSurvey(std::shared_ptr<const Survey>) {}
   // Thread-safe. Null: IntegrateSubmap does it.
   virtual std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput&) const { return nullptr; }
   virtual void IntegrateSubmap(const SubmapInput& input) = 0;

@@ -50,6 +50,15 @@ void MapThread::Push(std::vector<SubmapInput> submaps) {
   }
 }
 
+void MapThread::SetSurvey(std::shared_ptr<const Survey> survey) {
+  const std::lock_guard lock(mutex_);
+  if (stop_) return;
+  if (!survey_) ++pushed_count_;
+  survey_ = std::move(survey);
+  if (!options_.lockstep) interrupt_ = true;
+  wake_.notify_one();
+}
+
 void MapThread::WhenSettled(std::function<void(uint64_t)> done) {
   const std::lock_guard lock(mutex_);
   if (stop_) return;
@@ -84,6 +93,14 @@ void MapThread::Run() {
       ++integrated_count_;
       continue;
     }
+    if (survey_) {
+      const std::shared_ptr<const Survey> survey = std::exchange(survey_, nullptr);
+      lock.unlock();
+      engine_->SetSurvey(survey);
+      lock.lock();
+      ++integrated_count_;
+      continue;
+    }
     interrupt_ = false;
     lock.unlock();
     if (engine_->HasBackgroundWork()) {
@@ -95,7 +112,7 @@ void MapThread::Run() {
     Save();
     NotifySettled();
     lock.lock();
-    wake_.wait(lock, [&] { return stop_ || !queue_.empty() || !waiters_.empty(); });
+    wake_.wait(lock, [&] { return stop_ || !queue_.empty() || survey_ || !waiters_.empty(); });
   }
   lock.unlock();
   Publish();

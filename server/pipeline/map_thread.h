@@ -50,6 +50,9 @@ class MapThread {
   // Shutdown the submaps are dropped: they are committed and come back as backlog.
   void Push(std::vector<SubmapInput> submaps);
 
+  // Hands over the control points, to be used from the next idle moment on.
+  void SetSurvey(std::shared_ptr<const Survey> survey);
+
   // Calls `done`, on the map thread, once everything pushed before is integrated, no background
   // work is left and the result is saved. After Shutdown: never.
   void WhenSettled(std::function<void(uint64_t map_version)> done);
@@ -65,7 +68,7 @@ class MapThread {
 
  private:
   struct Waiter {
-    uint64_t pushed;  // settled once so many submaps are integrated
+    uint64_t pushed;  // settled once so many submaps and surveys are taken in
     std::function<void(uint64_t)> done;
   };
 
@@ -109,6 +112,7 @@ class MapThread {
   std::condition_variable is_refined_;
   // Guarded by mutex_.
   std::deque<std::shared_ptr<Entry>> queue_;
+  std::shared_ptr<const Survey> survey_;  // not taken in yet; null for none
   std::vector<Waiter> waiters_;
   StageTimes stage_times_;
   Status save_status_;

@@ -3,6 +3,7 @@
 #include <set>
 
 #include "server/rpc/map_handlers.h"
+#include "server/rpc/survey_messages.h"
 
 namespace portolan {
 namespace {
@@ -26,6 +27,9 @@ void AddComponents(const MapSnapshot& snapshot,
     message->set_component_id(component.id.value());
     message->set_metric(component.metric);
     message->set_gravity_aligned(component.gravity_aligned);
+    if (component.georeference && component.georeference->is_georeferenced) {
+      ToProto(component.georeference->origin, message->mutable_site_origin());
+    }
     message->set_submap_count(summary->second.submap_count);
     message->set_landmark_count(summary->second.landmark_count);
     for (const AgentId& agent : summary->second.agents) {

@@ -25,6 +25,15 @@ StatusOr<PageMaker<v1::TrajectorySegment>> GetTrajectory(const ServerContext& se
                                                          const v1::GetTrajectoryRequest& request);
 PageMaker<v1::PoseGraphPage> GetPoseGraph(const ServerContext& server,
                                           const v1::GetPoseGraphRequest& request);
+v1::ControlPoints ListControlPoints(const ServerContext& server);
+StatusOr<v1::ControlPoints> AddControlPoints(const ServerContext& server,
+                                             const v1::AddControlPointsRequest& request);
+StatusOr<v1::ControlPoints> RemoveControlPoints(const ServerContext& server,
+                                                const v1::RemoveControlPointsRequest& request);
+StatusOr<v1::ControlPoints> SetSiteOrigin(const ServerContext& server,
+                                          const v1::SetSiteOriginRequest& request);
+v1::GeoreferenceResponse GetGeoreference(const ServerContext& server,
+                                         const v1::GetGeoreferenceRequest& request);
 
 // Used by several calls.
 void FillSubmapInfo(const SubmapState& state, const SessionTable& sessions,

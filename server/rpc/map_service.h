@@ -33,6 +33,21 @@ class MapServiceImpl : public v1::MapService::CallbackService {
   grpc::ServerUnaryReactor* Settle(grpc::CallbackServerContext* context,
                                    const v1::SettleRequest* request,
                                    v1::SettleResponse* response) override;
+  grpc::ServerUnaryReactor* ListControlPoints(grpc::CallbackServerContext* context,
+                                              const v1::ListControlPointsRequest* request,
+                                              v1::ControlPoints* response) override;
+  grpc::ServerUnaryReactor* AddControlPoints(grpc::CallbackServerContext* context,
+                                             const v1::AddControlPointsRequest* request,
+                                             v1::ControlPoints* response) override;
+  grpc::ServerUnaryReactor* RemoveControlPoints(grpc::CallbackServerContext* context,
+                                                const v1::RemoveControlPointsRequest* request,
+                                                v1::ControlPoints* response) override;
+  grpc::ServerUnaryReactor* SetSiteOrigin(grpc::CallbackServerContext* context,
+                                          const v1::SetSiteOriginRequest* request,
+                                          v1::ControlPoints* response) override;
+  grpc::ServerUnaryReactor* GetGeoreference(grpc::CallbackServerContext* context,
+                                            const v1::GetGeoreferenceRequest* request,
+                                            v1::GeoreferenceResponse* response) override;
 
  private:
   const ServerContext server_;

@@ -11,6 +11,7 @@
 #include "server/pipeline/map_thread.h"
 #include "server/pipeline/snapshot_hub.h"
 #include "server/query/landmark_index.h"
+#include "server/rpc/survey_book.h"
 #include "server/store/map_store.h"
 
 namespace portolan {
@@ -23,6 +24,7 @@ struct ServerContext {
   MapThread* map_thread = nullptr;
   CorrectionDispatcher* corrections = nullptr;
   LandmarkIndexCache* landmarks = nullptr;
+  SurveyBook* survey = nullptr;
   std::string software_version;
   // Streams of agents at the same time; more are refused with RESOURCE_EXHAUSTED.
   int max_agents = 0;

@@ -121,13 +121,17 @@ Status ReadClosures(SqliteDatabase& database, MapSnapshot* snapshot) {
 Status ReadComponents(SqliteDatabase& database, MapSnapshot* snapshot) {
   PORTOLAN_ASSIGN_OR_RETURN(
       SqliteStatement rows,
-      SqliteStatement::Prepare(database,
-                               "SELECT id, metric, gravity_aligned FROM component ORDER BY id"));
+      SqliteStatement::Prepare(
+          database, "SELECT id, metric, gravity_aligned, georeference FROM component ORDER BY id"));
   while (true) {
     PORTOLAN_ASSIGN_OR_RETURN(const bool has_row, rows.Step());
     if (!has_row) return absl::OkStatus();
-    snapshot->components.push_back({ComponentId(rows.ColumnInteger(0)), rows.ColumnInteger(1) != 0,
-                                    rows.ColumnInteger(2) != 0});
+    ComponentState component;
+    component.id = ComponentId(rows.ColumnInteger(0));
+    component.metric = rows.ColumnInteger(1) != 0;
+    component.gravity_aligned = rows.ColumnInteger(2) != 0;
+    PORTOLAN_RETURN_IF_ERROR(DecodeGeoreference(rows.ColumnBytes(3), &component));
+    snapshot->components.push_back(std::move(component));
   }
 }
 
@@ -230,11 +234,13 @@ Status WriteComponents(SqliteDatabase& database, const MapSnapshot& snapshot) {
   PORTOLAN_RETURN_IF_ERROR(database.Execute("DELETE FROM component"));
   PORTOLAN_ASSIGN_OR_RETURN(
       SqliteStatement insert,
-      SqliteStatement::Prepare(database, "INSERT INTO component VALUES (?, ?, ?)"));
+      SqliteStatement::Prepare(database, "INSERT INTO component VALUES (?, ?, ?, ?)"));
   for (const ComponentState& component : snapshot.components) {
     insert.BindInteger(1, component.id.value());
     insert.BindInteger(2, component.metric);
     insert.BindInteger(3, component.gravity_aligned);
+    const std::string georeference = EncodeGeoreference(component);
+    insert.BindBlob(4, georeference);
     PORTOLAN_RETURN_IF_ERROR(insert.Run());
   }
   return database.Execute(absl::StrCat("REPLACE INTO map_state VALUES ('version', ",

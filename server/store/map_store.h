@@ -42,6 +42,7 @@ struct StoredSubmap {
 struct StoredMap {
   std::vector<SessionRecord> sessions;  // in order of their creation
   std::vector<StoredSubmap> submaps;    // ascending id
+  Survey survey;
   // Null if nothing derived is stored, or if it was written by another version of the program or
   // is damaged; then derived_problem says so and the map must be rebuilt from the submaps.
   std::shared_ptr<const MapSnapshot> snapshot;
@@ -82,6 +83,9 @@ class MapStore {
 
   // The stored submaps of a component, ascending, whose landmarks' bounding box touches the box.
   virtual StatusOr<std::vector<SubmapId>> SubmapsInBox(ComponentId component, const Box& box) = 0;
+
+  // Replaces the stored control points and origin.
+  virtual Status SaveSurvey(const Survey& survey) = 0;
 
   virtual StatusOr<int64_t> SizeBytes() = 0;
 };

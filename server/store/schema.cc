@@ -37,6 +37,37 @@ CREATE TRIGGER raw_submap_is_never_deleted BEFORE DELETE ON raw_submap
 BEGIN SELECT RAISE(ABORT, 'raw submaps are immutable'); END;
 )sql";
 
+constexpr char kSurveyTables[] = R"sql(
+CREATE TABLE control_point (
+  id TEXT PRIMARY KEY,
+  is_geodetic INTEGER NOT NULL,
+  x REAL NOT NULL,
+  y REAL NOT NULL,
+  z REAL NOT NULL,
+  sigma_m REAL NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE control_observation (
+  control_point TEXT NOT NULL REFERENCES control_point (id),
+  position INTEGER NOT NULL,
+  agent TEXT NOT NULL,
+  session INTEGER NOT NULL,
+  time_ns INTEGER NOT NULL,
+  u_px REAL NOT NULL,
+  v_px REAL NOT NULL,
+  sigma_px REAL NOT NULL,
+  PRIMARY KEY (control_point, position)
+) WITHOUT ROWID;
+CREATE TABLE site_origin (
+  id INTEGER PRIMARY KEY CHECK (id = 1),
+  latitude_deg REAL,
+  longitude_deg REAL,
+  height_m REAL,
+  grid_x REAL NOT NULL,
+  grid_y REAL NOT NULL,
+  grid_z REAL NOT NULL
+);
+)sql";
+
 constexpr char kDerivedTables[] = R"sql(
 CREATE TABLE map_state (
   key TEXT PRIMARY KEY,
@@ -45,7 +76,8 @@ CREATE TABLE map_state (
 CREATE TABLE component (
   id INTEGER PRIMARY KEY,
   metric INTEGER NOT NULL,
-  gravity_aligned INTEGER NOT NULL
+  gravity_aligned INTEGER NOT NULL,
+  georeference BLOB NOT NULL
 );
 CREATE TABLE refined_submap (
   submap_id INTEGER PRIMARY KEY,
@@ -82,9 +114,11 @@ Status MigrateTo1(SqliteDatabase& database) {
   return SetPragma(database, "application_id", kApplicationId);
 }
 
+Status MigrateTo2(SqliteDatabase& database) { return database.Execute(kSurveyTables); }
+
 // kMigrations[i] takes the raw tables from version i to i + 1.
 using Migration = Status (*)(SqliteDatabase&);
-constexpr std::array<Migration, kSchemaVersion> kMigrations = {MigrateTo1};
+constexpr std::array<Migration, kSchemaVersion> kMigrations = {MigrateTo1, MigrateTo2};
 
 Status CheckOrigin(SqliteDatabase& database, int64_t version) {
   PORTOLAN_ASSIGN_OR_RETURN(const int64_t application_id,

@@ -9,10 +9,10 @@ namespace portolan {
 // "PRTL"; marks an SQLite file as a Portolan map.
 inline constexpr int64_t kApplicationId = 0x5052544c;
 // Version of the raw tables, in user_version. Raise it with a migration.
-inline constexpr int64_t kSchemaVersion = 1;
+inline constexpr int64_t kSchemaVersion = 2;
 // Version of the derived tables and their blobs. Raise it on any change; older derived data are
 // dropped and rebuilt, so they need no migration.
-inline constexpr int64_t kDerivedVersion = 2;
+inline constexpr int64_t kDerivedVersion = 3;
 
 // Creates the tables of an empty file, migrates an older one. FailedPrecondition for a newer file,
 // DataLoss for a file that is not a map.

@@ -6,6 +6,7 @@
 #include "server/store/blob.h"
 #include "server/store/derived_tables.h"
 #include "server/store/schema.h"
+#include "server/store/survey_tables.h"
 
 namespace portolan {
 namespace {
@@ -289,6 +290,7 @@ StatusOr<StoredMap> SqliteMapStore::Load(const SubmapDecoder& decode) {
   StoredMap map;
   PORTOLAN_ASSIGN_OR_RETURN(map.sessions, ReadSessions());
   PORTOLAN_ASSIGN_OR_RETURN(map.submaps, ReadSubmaps(map.sessions, decode));
+  PORTOLAN_ASSIGN_OR_RETURN(map.survey, ReadSurvey(*database_));
   StatusOr<std::shared_ptr<const MapSnapshot>> snapshot = ReadSnapshot(*database_, map.submaps);
   if (!snapshot.ok()) {
     map.derived_problem = snapshot.status().ToString();
@@ -324,6 +326,11 @@ StatusOr<std::vector<SubmapId>> SqliteMapStore::SubmapsInBox(ComponentId compone
     if (!has_row) return ids;
     ids.emplace_back(rows.ColumnInteger(0));
   }
+}
+
+Status SqliteMapStore::SaveSurvey(const Survey& survey) {
+  const std::lock_guard lock(mutex_);
+  return WriteLocked([&] { return WriteSurvey(*database_, survey); });
 }
 
 StatusOr<int64_t> SqliteMapStore::SizeBytes() { return size_bytes_.load(); }

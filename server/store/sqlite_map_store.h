@@ -43,6 +43,7 @@ class SqliteMapStore : public MapStore {
   Status DropDerived() override;
   StatusOr<StoredMap> Load(const SubmapDecoder& decode) override;
   StatusOr<std::vector<SubmapId>> SubmapsInBox(ComponentId component, const Box& box) override;
+  Status SaveSurvey(const Survey& survey) override;
   StatusOr<int64_t> SizeBytes() override;
 
  private:

@@ -150,4 +150,36 @@ Status DecodeClosure(std::string_view bytes, Closure* closure) {
   return absl::OkStatus();
 }
 
+std::string EncodeGeoreference(const ComponentState& component) {
+  if (!component.georeference || !component.georeference->is_georeferenced) return "";
+  const SiteOrigin& origin = component.georeference->origin;
+  BlobWriter writer;
+  writer.Write<uint32_t>(origin.geodetic.has_value() ? 1 : 0);
+  const GeodeticPosition geodetic = origin.geodetic.value_or(GeodeticPosition{});
+  writer.Write(geodetic.latitude_deg);
+  writer.Write(geodetic.longitude_deg);
+  writer.Write(geodetic.height_m);
+  writer.WriteVector(origin.grid_m);
+  return writer.Take();
+}
+
+Status DecodeGeoreference(std::string_view bytes, ComponentState* component) {
+  if (bytes.empty()) return absl::OkStatus();
+  BlobReader reader(bytes);
+  auto report = std::make_shared<GeoreferenceReport>();
+  report->is_georeferenced = true;
+  const bool is_geodetic = reader.Read<uint32_t>() != 0;
+  GeodeticPosition geodetic;
+  geodetic.latitude_deg = reader.Read<double>();
+  geodetic.longitude_deg = reader.Read<double>();
+  geodetic.height_m = reader.Read<double>();
+  if (is_geodetic) report->origin.geodetic = geodetic;
+  report->origin.grid_m = reader.ReadVector();
+  if (!reader.AtEnd() || !ValidateSiteOrigin(report->origin).ok()) {
+    return absl::DataLossError("component.georeference is damaged");
+  }
+  component->georeference = std::move(report);
+  return absl::OkStatus();
+}
+
 }  // namespace portolan

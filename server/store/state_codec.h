@@ -24,6 +24,10 @@ Status DecodePose(std::string_view bytes, SubmapState* state);
 std::string EncodeLandmarks(const std::vector<FusedLandmark>& landmarks);
 StatusOr<std::vector<FusedLandmark>> DecodeLandmarks(std::string_view bytes);
 
+// component.georeference: empty unless the component is georeferenced, else the site's origin.
+std::string EncodeGeoreference(const ComponentState& component);
+Status DecodeGeoreference(std::string_view bytes, ComponentState* component);
+
 // closure.estimate: everything except a and b.
 std::string EncodeClosure(const Closure& closure);
 Status DecodeClosure(std::string_view bytes, Closure* closure);

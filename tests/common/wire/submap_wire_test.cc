@@ -1,6 +1,7 @@
 #include "common/wire/submap_wire.h"
 
 #include <algorithm>
+#include <functional>
 #include <limits>
 
 #include "common/wire/feature_codec.h"
@@ -195,6 +196,56 @@ TEST(SubmapWire, KeepsFrameTimesExactlyAndPosesToTheStatedStep) {
               largest / (1 << 20) / 2 + 1e-12);
     EXPECT_LE(RotationLog(actual.rotation.conjugate() * expected.rotation).norm(), 1e-6);
   }
+}
+
+Submap SubmapWithFixes() {
+  Submap submap = RandomSubmap({});
+  submap.gnss.push_back({submap.keyframes.front().time, {47.123456789, -8.25, 411.5}, 0.5, 1.25});
+  submap.gnss.push_back({submap.keyframes.back().time, {47.2, -8.5, 412}, 2, 4});
+  submap.antenna_in_camera_m = {0.25, -0.5, 1};
+  return submap;
+}
+
+TEST(SubmapWire, KeepsFixesExactly) {
+  const Submap submap = SubmapWithFixes();
+  const Submap decoded = RoundTrip(submap);
+  ASSERT_EQ(decoded.gnss.size(), 2u);
+  EXPECT_EQ(decoded.antenna_in_camera_m, submap.antenna_in_camera_m);
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(decoded.gnss[i].time, submap.gnss[i].time);
+    EXPECT_EQ(decoded.gnss[i].position, submap.gnss[i].position);
+    EXPECT_EQ(decoded.gnss[i].sigma_horizontal_m, submap.gnss[i].sigma_horizontal_m);
+    EXPECT_EQ(decoded.gnss[i].sigma_vertical_m, submap.gnss[i].sigma_vertical_m);
+  }
+}
+
+TEST(SubmapWire, MalformedFixesAreRefused) {
+  v1::Submap good;
+  ASSERT_THAT(ToProto(SubmapWithFixes(), &good), IsOk());
+  const auto message_of = [&](const std::function<void(v1::GnssColumns*)>& spoil) {
+    v1::Submap message = good;
+    spoil(message.mutable_gnss());
+    return std::string(FromProto(message).status().message());
+  };
+  EXPECT_EQ(message_of([](auto*) {}), "");
+  EXPECT_THAT(message_of([](auto* g) { g->add_time_ns(5); }), HasSubstr("different lengths"));
+  EXPECT_THAT(message_of([](auto* g) { g->set_time_ns(0, g->time_ns(0) - 1); }),
+              HasSubstr("gnss[0].time"));
+  EXPECT_THAT(message_of([](auto* g) { g->set_time_ns(1, g->time_ns(0)); }),
+              HasSubstr("gnss[1].time"));
+  EXPECT_THAT(message_of([](auto* g) { g->set_position(0, 91); }), HasSubstr("latitude"));
+  EXPECT_THAT(
+      message_of([](auto* g) { g->set_position(5, std::numeric_limits<double>::quiet_NaN()); }),
+      HasSubstr("gnss[1].position"));
+  EXPECT_THAT(message_of([](auto* g) { g->set_sigma_m(1, 0); }), HasSubstr("gnss[0].sigma"));
+  EXPECT_THAT(message_of([](auto* g) { g->set_antenna_in_camera_m(0, 1e9f); }),
+              HasSubstr("antenna_in_camera"));
+  EXPECT_THAT(message_of([](auto* g) { g->add_antenna_in_camera_m(1); }),
+              HasSubstr("antenna_in_camera"));
+  EXPECT_THAT(message_of([](auto* g) {
+                for (int i = 0; i < 2000; ++i) g->add_time_ns(i);
+              }),
+              HasSubstr("too many"));
 }
 
 TEST(SubmapWire, KeepsHalfTurnsBetweenFrames) {

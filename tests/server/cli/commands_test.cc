@@ -108,6 +108,68 @@ TEST_F(CommandsTest, SettlePrintsTheVersion) {
   EXPECT_THAT(output_, HasSubstr("version 3: 3 submaps"));
 }
 
+TEST_F(CommandsTest, ControlPointsComeAndGo) {
+  StartWithMap();
+  EXPECT_EQ(
+      Run(RunControlPoints, {"add", "--id", "P12", "--position", "2600010,1200020,395",
+                             "--observation", "a:100.0:320:240,a/1:101000000000ns:330.5:241:0.5"}),
+      kExitFailed);  // too far from the origin of a grid that nobody named
+  EXPECT_EQ(Run(RunControlPoints, {"origin", "--position", "2600000,1200000,400"}), kExitOk);
+  EXPECT_THAT(output_, HasSubstr("origin: grid 2600000.000 1200000.000 400.000"));
+  EXPECT_EQ(
+      Run(RunControlPoints, {"add", "--id", "P12", "--position", "2600010,1200020,395",
+                             "--observation", "a:100.0:320:240,a/1:101000000000ns:330.5:241:0.5"}),
+      kExitOk);
+  EXPECT_EQ(Run(RunControlPoints, {"list"}), kExitOk);
+  EXPECT_THAT(output_, HasSubstr("P12 grid 2600010.0000 1200020.0000 395.0000 sigma 0.0200 m, 2"));
+  EXPECT_EQ(Run(RunControlPoints, {"remove", "--id", "P12"}), kExitOk);
+  EXPECT_EQ(Run(RunControlPoints, {"remove", "--id", "P12"}), kExitFailed);
+  EXPECT_EQ(Run(RunGeoreference, {}), kExitOk);
+  EXPECT_THAT(output_, HasSubstr("no positions are known"));
+}
+
+TEST_F(CommandsTest, ControlPointsSayWhatIsWrong) {
+  StartWithMap();
+  const auto error_of = [&](std::vector<std::string> args) {
+    ::testing::internal::CaptureStderr();
+    EXPECT_NE(Run(RunControlPoints, std::move(args)), kExitOk);
+    return ::testing::internal::GetCapturedStderr();
+  };
+  EXPECT_THAT(error_of({}), HasSubstr("name an action"));
+  EXPECT_THAT(error_of({"add", "--id", "P", "--wgs84", "1,2"}), HasSubstr("3 numbers"));
+  EXPECT_THAT(error_of({"add", "--id", "P", "--wgs84", "1,2,3", "--observation", "a:100:1:2"}),
+              HasSubstr("at least 2"));
+  EXPECT_THAT(
+      error_of({"add", "--id", "P", "--wgs84", "1,2,3", "--observation", "a:100:1:2,a:100.25:1:2"}),
+      HasSubstr("no keyframe at 100250000000 ns; the nearest one is at 100000000000 ns"));
+  EXPECT_THAT(
+      error_of({"add", "--id", "P", "--wgs84", "1,2,3", "--observation", "b:100:1:2,a:100:1:2"}),
+      HasSubstr("no submap of agent b"));
+  EXPECT_THAT(
+      error_of({"add", "--id", "P", "--wgs84", "95,2,3", "--observation", "a:100:1:2,a:101:1:2"}),
+      HasSubstr("latitude"));
+}
+
+TEST_F(CommandsTest, ControlPointsAreImportedFromAFile) {
+  StartWithMap();
+  const std::string path = (directory_ / "points.csv").string();
+  std::ofstream(path) << "# id,system,x,y,z,sigma_m,observations\n"
+                         "P1,wgs84,47.1,8.5,400,0.02,a:100:1:2 a:101:1:2\n"
+                         "P2,wgs84,47.1,8.5001,400,0.02,a:100:5:2 a:102:1:2:0.5\n";
+  EXPECT_EQ(Run(RunControlPoints, {"import", path}), kExitOk);
+  EXPECT_EQ(std::count(output_.begin(), output_.end(), '\n'), 2) << output_;
+  EXPECT_EQ(Run(RunControlPoints, {"import", path}), kExitFailed);  // they are there already
+  EXPECT_EQ(Run(RunControlPoints, {"import", path, "--replace"}), kExitOk);
+  EXPECT_EQ(Run(RunControlPoints, {"import", path + "x"}), kExitFailed);
+}
+
+TEST_F(CommandsTest, OtherFramesNeedAGeoreference) {
+  StartWithMap();
+  EXPECT_EQ(Run(RunTrajectory, {"--agent", "a", "--frame", "wgs84"}), kExitFailed);
+  EXPECT_EQ(Run(RunLandmarks, {"--near", "10,-1,0", "--frame", "grid"}), kExitFailed);
+  EXPECT_EQ(Run(RunTrajectory, {"--agent", "a", "--frame", "moon"}), kExitUsage);
+}
+
 TEST_F(CommandsTest, NoServerFails) {
   const std::vector<std::string> args = {"--server=127.0.0.1:1", "--timeout_s=5"};
   ::testing::internal::CaptureStderr();

@@ -56,7 +56,7 @@ class SqliteMapStoreTest : public ::testing::Test {
       snapshot.submaps.push_back(MakeState(submap, ComponentId(1), {10.0 * submap.id.value(), 0, 0},
                                            5, seed + submap.id.value()));
     }
-    snapshot.components = {{ComponentId(1), true, false}};
+    snapshot.components = {{ComponentId(1), true, false, nullptr}};
     snapshot.closures = std::make_shared<const ClosureList>(
         std::vector<Closure>{MakeClosure(SubmapId(1), SubmapId(2), 3)});
     snapshot.waiting_closures = std::make_shared<const ClosureList>(
@@ -221,6 +221,97 @@ TEST_F(SqliteMapStoreTest, DatabaseOfAnotherProgramIsNotTouched) {
   EXPECT_TRUE(absl::IsDataLoss(store.status())) << store.status();
   auto other = SqliteDatabase::Open(path(), "");
   EXPECT_EQ(*(*other)->QueryInteger("SELECT count(*) FROM sqlite_master"), 1);
+}
+
+Survey MakeSurvey() {
+  Survey survey;
+  for (const char* id : {"P1", "P2"}) {
+    ControlPoint point;
+    point.id = id;
+    point.sigma_m = 0.05;
+    point.observations.push_back(
+        {AgentId("a"), SessionId(0xf000000000000007), Timestamp(5), {1.5, 2.5}, 0.5});
+    point.observations.push_back({AgentId("a"), std::nullopt, Timestamp(6), {3, 4}, 1});
+    survey.points.push_back(point);
+  }
+  survey.points[0].grid_m = Eigen::Vector3d(2600000.123, 1200000.456, 400);
+  survey.points[1].geodetic = GeodeticPosition{47.123456789, -8.5, 399.5};
+  survey.origin = SiteOrigin{GeodeticPosition{47, 8, 400}, {2600000, 1200000, 400}};
+  return survey;
+}
+
+void ExpectSameSurvey(const Survey& actual, const Survey& expected) {
+  EXPECT_EQ(actual.origin, expected.origin);
+  ASSERT_EQ(actual.points.size(), expected.points.size());
+  for (size_t i = 0; i < actual.points.size(); ++i) {
+    const ControlPoint &a = actual.points[i], &b = expected.points[i];
+    EXPECT_EQ(a.id, b.id);
+    EXPECT_EQ(a.geodetic, b.geodetic);
+    EXPECT_EQ(a.grid_m, b.grid_m);
+    EXPECT_EQ(a.sigma_m, b.sigma_m);
+    ASSERT_EQ(a.observations.size(), b.observations.size());
+    for (size_t k = 0; k < a.observations.size(); ++k) {
+      EXPECT_EQ(a.observations[k].agent, b.observations[k].agent);
+      EXPECT_EQ(a.observations[k].session, b.observations[k].session);
+      EXPECT_EQ(a.observations[k].time, b.observations[k].time);
+      EXPECT_EQ(a.observations[k].pixel, b.observations[k].pixel);
+      EXPECT_EQ(a.observations[k].sigma_px, b.observations[k].sigma_px);
+    }
+  }
+}
+
+TEST_F(SqliteMapStoreTest, SurveySurvivesARestartAndARebuild) {
+  const Survey survey = MakeSurvey();
+  {
+    const auto store = OpenWithSubmaps(1);
+    ASSERT_TRUE(store->SaveSurvey(MakeSurvey()).ok());
+    ASSERT_TRUE(store->SaveSurvey(survey).ok());
+    ASSERT_TRUE(store->DropDerived().ok());
+  }
+  const auto store = Open();
+  ExpectSameSurvey(Load(*store).survey, survey);
+  ASSERT_TRUE(store->SaveSurvey({}).ok());
+  EXPECT_TRUE(Load(*store).survey.empty());
+}
+
+TEST_F(SqliteMapStoreTest, FileWithoutSurveyTablesIsMigrated) {
+  OpenWithSubmaps(2).reset();
+  {
+    auto database = SqliteDatabase::Open(path(), "");
+    ASSERT_TRUE((*database)
+                    ->Execute("DROP TABLE control_observation; DROP TABLE control_point; "
+                              "DROP TABLE site_origin; PRAGMA user_version = 1")
+                    .ok());
+  }
+  const auto store = Open();
+  EXPECT_THAT(Load(*store).submaps, SizeIs(2));
+  EXPECT_TRUE(store->SaveSurvey(MakeSurvey()).ok());
+}
+
+TEST_F(SqliteMapStoreTest, DamagedSurveyIsReported) {
+  ASSERT_TRUE(OpenWithSubmaps(1)->SaveSurvey(MakeSurvey()).ok());
+  {
+    auto database = SqliteDatabase::Open(path(), "");
+    ASSERT_TRUE((*database)->Execute("UPDATE control_point SET sigma_m = -1").ok());
+  }
+  const auto map = Open()->Load(DecodeTestSubmap);
+  EXPECT_TRUE(absl::IsDataLoss(map.status()));
+  EXPECT_THAT(std::string(map.status().message()), HasSubstr("P1"));
+}
+
+TEST_F(SqliteMapStoreTest, GeoreferencedComponentStaysSo) {
+  const auto store = OpenWithSubmaps(1);
+  MapSnapshot snapshot = MakeSnapshot(Load(*store), 3);
+  auto report = std::make_shared<GeoreferenceReport>();
+  report->is_georeferenced = true;
+  report->origin = *MakeSurvey().origin;
+  snapshot.components[0].georeference = report;
+  ASSERT_TRUE(store->SaveSnapshot(snapshot).ok());
+  const StoredMap map = Load(*store);
+  ASSERT_TRUE(map.snapshot);
+  ASSERT_TRUE(map.snapshot->components[0].georeference);
+  EXPECT_TRUE(map.snapshot->components[0].georeference->is_georeferenced);
+  EXPECT_EQ(map.snapshot->components[0].georeference->origin, report->origin);
 }
 
 TEST_F(SqliteMapStoreTest, NewerSchemaIsRefused) {

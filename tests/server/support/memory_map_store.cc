@@ -106,6 +106,7 @@ StatusOr<StoredMap> MemoryMapStore::Load(const SubmapDecoder& decode) {
   StoredMap map;
   map.sessions = sessions_;
   map.snapshot = saved_;
+  map.survey = survey_;
   for (size_t i = 0; i < submaps_.size(); ++i) {
     PORTOLAN_ASSIGN_OR_RETURN(Submap submap, decode(submaps_[i].bytes));
     PORTOLAN_ASSIGN_OR_RETURN(CameraModel camera, CameraModel::Create(sessions_[0].camera));
@@ -119,6 +120,13 @@ StatusOr<StoredMap> MemoryMapStore::Load(const SubmapDecoder& decode) {
 
 StatusOr<std::vector<SubmapId>> MemoryMapStore::SubmapsInBox(ComponentId, const Box&) {
   return absl::UnimplementedError("not needed");
+}
+
+Status MemoryMapStore::SaveSurvey(const Survey& survey) {
+  const std::lock_guard lock(mutex_);
+  PORTOLAN_RETURN_IF_ERROR(WriteStatus());
+  survey_ = survey;
+  return absl::OkStatus();
 }
 
 StatusOr<int64_t> MemoryMapStore::SizeBytes() { return 0; }

@@ -33,6 +33,7 @@ class MemoryMapStore : public MapStore {
   Status DropDerived() override;
   StatusOr<StoredMap> Load(const SubmapDecoder& decode) override;
   StatusOr<std::vector<SubmapId>> SubmapsInBox(ComponentId component, const Box& box) override;
+  Status SaveSurvey(const Survey& survey) override;
   StatusOr<int64_t> SizeBytes() override;
 
  private:
@@ -46,6 +47,7 @@ class MemoryMapStore : public MapStore {
   std::vector<size_t> group_sizes_;
   std::shared_ptr<const MapSnapshot> saved_;
   int save_count_ = 0;
+  Survey survey_;
   bool hold_ = false;
   bool is_held_ = false;
   bool fails_ = false;
