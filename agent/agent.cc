@@ -12,6 +12,9 @@
 namespace portolan {
 namespace {
 
+// As proto/submap.proto has it.
+constexpr size_t kMaxFixesOfSubmap = 1024;
+
 std::vector<Measurement> MeasurementsOf(const std::vector<TrackedPoint>& points,
                                         const auto& is_wanted) {
   std::vector<Measurement> measurements;
@@ -117,6 +120,10 @@ Agent::Agent(const AgentOptions& options, const CameraModel& camera, const Subma
 void Agent::AddImu(std::span<const ImuSample> samples) { imu_samples_.Add(samples); }
 
 void Agent::AddOdometry(std::span<const OdometrySample> samples) { odometry_samples_.Add(samples); }
+
+void Agent::AddGnss(std::span<const GnssFix> fixes) {
+  fixes_.insert(fixes_.end(), fixes.begin(), fixes.end());
+}
 
 // Of an IMU only the gyro counts at first; all of it takes over once it is aligned.
 std::unique_ptr<MotionModel> Agent::MakeMotionModel() const {
@@ -352,8 +359,24 @@ std::optional<Submap> Agent::TakeSubmap(Submap submap, size_t min_keyframes) {
   if (submap.keyframes.size() < min_keyframes) return std::nullopt;
   submap.metric = filter_->metric();
   submap.gravity_in_submap = filter_->motion().gravity_in_submap();
+  TakeFixes(&submap);
   ++key_.sequence_number;
   return submap;
+}
+
+void Agent::TakeFixes(Submap* submap) {
+  while (!fixes_.empty() && fixes_.front().time < submap->keyframes.front().time) {
+    fixes_.pop_front();
+  }
+  std::vector<GnssFix> taken;
+  while (!fixes_.empty() && fixes_.front().time < submap->keyframes.back().time) {
+    taken.push_back(fixes_.front());
+    fixes_.pop_front();
+  }
+  // A receiver faster than a submap's limit repeats itself.
+  const size_t stride = taken.size() / kMaxFixesOfSubmap + 1;
+  for (size_t i = 0; i < taken.size(); i += stride) submap->gnss.push_back(taken[i]);
+  if (!submap->gnss.empty()) submap->antenna_in_camera_m = sensors_.antenna_in_camera_m;
 }
 
 std::optional<Submap> Agent::CloseIfFull(Timestamp time) {

@@ -2,6 +2,7 @@
 #ifndef PORTOLAN_AGENT_AGENT_H_
 #define PORTOLAN_AGENT_AGENT_H_
 
+#include <deque>
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
@@ -56,6 +57,8 @@ struct VehicleSensors {
   // Of the wheel odometry: where the camera sits in the frame that it gives the pose of.
   std::optional<Rigid3> body_from_camera;
   std::optional<StereoMount> second_camera;
+  // Of the satellite receiver, whose positions travel with the submaps and change nothing else.
+  Eigen::Vector3d antenna_in_camera_m = Eigen::Vector3d::Zero();
 };
 
 struct AgentOptions {
@@ -128,6 +131,9 @@ class Agent {
   void AddOdometry(std::span<const OdometrySample> samples);
   const OdometryCounts& odometry_counts() const { return odometry_samples_.counts(); }
 
+  // Satellite positions on the camera's clock, likewise.
+  void AddGnss(std::span<const GnssFix> fixes);
+
   // gray: CV_8UC1 of the camera's size. InvalidArgument if it is not, or if time does not
   // increase; the frame is then ignored and the agent goes on. second: likewise of the second
   // camera, taken at the same instant; empty without one. With one the submaps are metric.
@@ -159,6 +165,8 @@ class Agent {
   std::optional<Submap> CloseIfFull(Timestamp time);
   std::optional<Submap> HandleFailure(Timestamp spoiled_from);
   std::optional<Submap> TakeSubmap(Submap submap, size_t min_keyframes);
+  // The fixes between its first and its last keyframe; earlier ones are forgotten.
+  void TakeFixes(Submap* submap);
   // The live points without those that the filter just called outliers.
   std::vector<TrackedPoint> UsablePoints() const;
   FrameResult Report(bool tracked, std::optional<Submap> closed_submap) const;
@@ -175,6 +183,7 @@ class Agent {
   // The filter's motion model reads these.
   ImuBuffer imu_samples_;
   OdometryBuffer odometry_samples_;
+  std::deque<GnssFix> fixes_;
   std::optional<InertialInitializer> initializer_;
   std::optional<StereoMatcher> stereo_;
   std::unique_ptr<Tracker> tracker_;

@@ -53,6 +53,7 @@ StatusOr<VehicleSensors> FindSensors(const ImageSource& source) {
   if (info.right_calibration) {
     PORTOLAN_ASSIGN_OR_RETURN(sensors.second_camera, FindSecondCamera(info));
   }
+  sensors.antenna_in_camera_m = info.antenna_in_camera_m;
   if (!info.imu_calibration && !info.has_odometry) return sensors;
   const auto& body_from_camera = source.calibration().body_from_camera;
   if (!body_from_camera) {
@@ -198,6 +199,7 @@ void AgentRunner::FeedSensors(Timestamp time) {
     agent_->AddImu(source_->TakeImu(time + period));
   }
   if (info.has_odometry) agent_->AddOdometry(source_->TakeOdometry(time + kOdometryLookahead));
+  if (info.has_gnss) agent_->AddGnss(source_->TakeGnss(time));
 }
 
 Status AgentRunner::ProcessFrame(const Frame& frame) {

@@ -20,4 +20,8 @@ std::vector<OdometrySample> ImageSource::TakeOdometry(Timestamp up_to) {
   return TakeUpTo(odometry_, up_to, &odometry_taken_);
 }
 
+std::vector<GnssFix> ImageSource::TakeGnss(Timestamp up_to) {
+  return TakeUpTo(gnss_, up_to, &gnss_taken_);
+}
+
 }  // namespace portolan

@@ -14,6 +14,7 @@
 #include "common/base/status.h"
 #include "common/base/time.h"
 #include "common/camera/calibration.h"
+#include "common/submap/submap.h"
 
 namespace portolan {
 
@@ -36,6 +37,9 @@ struct ImageSourceInfo {
   std::optional<ImuCalibration> imu_calibration;
   // A file of wheel odometry was given.
   bool has_odometry = false;
+  // Satellite positions are delivered, of an antenna there.
+  bool has_gnss = false;
+  Eigen::Vector3d antenna_in_camera_m = Eigen::Vector3d::Zero();
 };
 
 struct ImageSourceCounts {
@@ -65,16 +69,19 @@ class ImageSource {
   // seconds before the first frame of the range are left out.
   std::vector<ImuSample> TakeImu(Timestamp up_to);
   std::vector<OdometrySample> TakeOdometry(Timestamp up_to);
+  std::vector<GnssFix> TakeGnss(Timestamp up_to);
 
  protected:
   ImageSourceInfo info_;
   ImageSourceCounts counts_;
   std::vector<ImuSample> imu_;
   std::vector<OdometrySample> odometry_;
+  std::vector<GnssFix> gnss_;
 
  private:
   size_t imu_taken_ = 0;
   size_t odometry_taken_ = 0;
+  size_t gnss_taken_ = 0;
 };
 
 // Opens what options.path names. Errors: NotFound, InvalidArgument (options, calibration, lists of

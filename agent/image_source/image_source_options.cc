@@ -1,5 +1,6 @@
 #include "agent/image_source/image_source_options.h"
 
+#include <algorithm>
 #include <cmath>
 #include <thread>
 
@@ -43,6 +44,12 @@ Status ImageSourceOptions::Validate() const {
   if (!(frame_rate_hz >= 0 && frame_rate_hz <= 10000)) {
     return absl::InvalidArgumentError("source.frame_rate_hz: must be in 0..10000");
   }
+  if (gnss_antenna_in_camera_m.size() != 3 ||
+      std::any_of(gnss_antenna_in_camera_m.begin(), gnss_antenna_in_camera_m.end(),
+                  [](double x) { return !(std::abs(x) <= 1000); })) {
+    return absl::InvalidArgumentError(
+        "source.gnss_antenna_in_camera_m: three numbers of at most 1000");
+  }
   if (max_out_of_order < 0) {
     return absl::InvalidArgumentError("source.max_out_of_order: must not be negative");
   }
@@ -81,6 +88,13 @@ void AddImageSourceOptions(OptionTable* table, ImageSourceOptions* options) {
       "Also reads the IMU file of the sequence; off, since a purely visual run need not fail "
       "for a damaged one.");
   source.Add("odometry", &options->odometry, "", "Wheel odometry CSV; empty for none.");
+  source.Add(
+      "gnss", &options->gnss, "",
+      "CSV of satellite positions: time [ns], latitude, longitude [deg], height above the "
+      "ellipsoid [m], sigma horizontal, vertical [m]. Empty takes gnss.csv of the sequence's "
+      "folder if there is one; none: no positions.");
+  source.Add("gnss_antenna_in_camera_m", &options->gnss_antenna_in_camera_m, "m",
+             "Where the receiver's antenna is: x, y, z in the camera frame.");
   source.Add("kitti_sequence", &options->kitti_sequence, "",
              "Sequence of a KITTI root that holds several, such as 00.");
   source.Add("frame_rate_hz", &options->frame_rate_hz, "Hz",

@@ -6,6 +6,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "common/base/status.h"
 #include "common/base/time.h"
@@ -52,6 +53,10 @@ struct ImageSourceOptions {
   bool imu = false;
   // Wheel odometry CSV; empty: none.
   std::string odometry;
+  // CSV of satellite positions; empty: gnss.csv of the sequence's folder, if there is one; "none".
+  std::string gnss;
+  // Where the receiver's antenna is: x, y, z in the camera frame [m].
+  std::vector<double> gnss_antenna_in_camera_m = {0, 0, 0};
   // Sequence of a KITTI root that holds several, such as "00".
   std::string kitti_sequence;
   // Rate of images without times [Hz]; 0: the calibration's rate, for video the file's.

@@ -77,6 +77,29 @@ void RemoveBefore(Timestamp time, std::vector<Sample>* samples) {
                               [&](const Sample& sample) { return sample.time >= time; }));
 }
 
+// The file that the options name, or the one that lies in the sequence; empty for none.
+fs::path FindGnssFile(const ImageSourceOptions& options) {
+  if (options.gnss == "none") return {};
+  if (!options.gnss.empty()) return options.gnss;
+  std::error_code error;
+  const fs::path path = options.path;
+  const fs::path folder = fs::is_directory(path, error) ? path : path.parent_path();
+  for (const fs::path& candidate : {folder / "gnss.csv", folder / "mav0" / "gnss.csv"}) {
+    if (FileExists(candidate)) return candidate;
+  }
+  return {};
+}
+
+StatusOr<std::vector<GnssFix>> ReadGnss(const ImageSourceOptions& options, ImageSourceInfo* info) {
+  const fs::path file = FindGnssFile(options);
+  if (file.empty()) return std::vector<GnssFix>();
+  PORTOLAN_ASSIGN_OR_RETURN(std::vector<GnssFix> fixes, ReadGnssCsv(file));
+  info->has_gnss = true;
+  const std::vector<double>& antenna = options.gnss_antenna_in_camera_m;
+  info->antenna_in_camera_m = {antenna[0], antenna[1], antenna[2]};
+  return fixes;
+}
+
 StatusOr<std::unique_ptr<ImageSource>> OpenSequence(const ImageSourceOptions& options,
                                                     ImageSourceType type) {
   PORTOLAN_ASSIGN_OR_RETURN(SequenceListing listing, ListSequence(options, type));
@@ -99,9 +122,11 @@ StatusOr<std::unique_ptr<ImageSource>> OpenSequence(const ImageSourceOptions& op
   info.right_calibration = listing.right_calibration;
   info.imu_calibration = listing.imu_calibration;
   info.has_odometry = !options.odometry.empty();
+  PORTOLAN_ASSIGN_OR_RETURN(std::vector<GnssFix> gnss, ReadGnss(options, &info));
+  RemoveBefore(*first_time, &gnss);
   return std::unique_ptr<ImageSource>(std::make_unique<PlaybackSource>(
       options, std::move(info), std::make_unique<ListedStream>(std::move(listing.frames)),
-      std::move(listing.imu), std::move(odometry)));
+      std::move(listing.imu), std::move(odometry), std::move(gnss)));
 }
 
 StatusOr<std::unique_ptr<ImageSource>> OpenVideo(const ImageSourceOptions& options) {
@@ -124,8 +149,13 @@ StatusOr<std::unique_ptr<ImageSource>> OpenVideo(const ImageSourceOptions& optio
   if (!options.odometry.empty()) {
     PORTOLAN_ASSIGN_OR_RETURN(odometry, ReadOdometryCsv(options.odometry));
   }
+  std::vector<GnssFix> gnss;
+  if (!options.gnss.empty()) {
+    PORTOLAN_ASSIGN_OR_RETURN(gnss, ReadGnss(options, &info));
+  }
   return std::unique_ptr<ImageSource>(std::make_unique<PlaybackSource>(
-      options, std::move(info), std::move(stream), std::vector<ImuSample>(), std::move(odometry)));
+      options, std::move(info), std::move(stream), std::vector<ImuSample>(), std::move(odometry),
+      std::move(gnss)));
 }
 
 StatusOr<std::unique_ptr<ImageSource>> OpenDevice(const ImageSourceOptions& options) {

@@ -25,7 +25,7 @@ Status CheckImageSize(const cv::Mat& image, const CameraIntrinsics& intrinsics,
 
 PlaybackSource::PlaybackSource(const ImageSourceOptions& options, ImageSourceInfo info,
                                std::unique_ptr<FrameStream> stream, std::vector<ImuSample> imu,
-                               std::vector<OdometrySample> odometry)
+                               std::vector<OdometrySample> odometry, std::vector<GnssFix> gnss)
     : options_(options),
       range_(options),
       order_(options.max_out_of_order),
@@ -33,6 +33,7 @@ PlaybackSource::PlaybackSource(const ImageSourceOptions& options, ImageSourceInf
   info_ = std::move(info);
   imu_ = std::move(imu);
   odometry_ = std::move(odometry);
+  gnss_ = std::move(gnss);
 }
 
 StatusOr<std::optional<Frame>> PlaybackSource::Next() {

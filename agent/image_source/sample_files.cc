@@ -14,6 +14,9 @@ namespace {
 constexpr double kMaxGyroRadS = 200;
 constexpr double kMaxAccelMS2 = 4000;
 constexpr double kMaxPositionM = 1e7;
+// As proto/submap.proto has it.
+constexpr double kMinGnssSigmaM = 0.001;
+constexpr double kMaxGnssSigmaM = 1e4;
 
 // The numbers of fields first .. first + size - 1, each of at most `limit`.
 StatusOr<std::vector<double>> ParseNumbers(const std::vector<std::string>& fields, size_t first,
@@ -65,6 +68,26 @@ StatusOr<OdometrySample> ParseOdometry(const std::vector<std::string>& fields) {
   return sample;
 }
 
+StatusOr<GnssFix> ParseGnss(const std::vector<std::string>& fields) {
+  if (fields.size() != 6) {
+    return absl::InvalidArgumentError(Concat("expected 6 fields, got ", fields.size()));
+  }
+  GnssFix fix;
+  PORTOLAN_ASSIGN_OR_RETURN(fix.time, ParseNanoseconds(fields[0]));
+  PORTOLAN_ASSIGN_OR_RETURN(const auto numbers, ParseNumbers(fields, 1, 5, kMaxPositionM));
+  fix.position = {numbers[0], numbers[1], numbers[2]};
+  PORTOLAN_RETURN_IF_ERROR(ValidateGeodetic(fix.position));
+  fix.sigma_horizontal_m = numbers[3];
+  fix.sigma_vertical_m = numbers[4];
+  for (const double sigma : {numbers[3], numbers[4]}) {
+    if (!(sigma >= kMinGnssSigmaM && sigma <= kMaxGnssSigmaM)) {
+      return absl::InvalidArgumentError(Concat("a standard deviation of ", sigma, " m is not in ",
+                                               kMinGnssSigmaM, "..", kMaxGnssSigmaM));
+    }
+  }
+  return fix;
+}
+
 template <typename Sample>
 StatusOr<std::vector<Sample>> ReadSamples(
     const std::filesystem::path& path,
@@ -97,6 +120,10 @@ StatusOr<std::vector<ImuSample>> ReadImuCsv(const std::filesystem::path& path) {
 
 StatusOr<std::vector<OdometrySample>> ReadOdometryCsv(const std::filesystem::path& path) {
   return ReadSamples<OdometrySample>(path, ParseOdometry);
+}
+
+StatusOr<std::vector<GnssFix>> ReadGnssCsv(const std::filesystem::path& path) {
+  return ReadSamples<GnssFix>(path, ParseGnss);
 }
 
 }  // namespace portolan

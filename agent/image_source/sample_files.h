@@ -1,4 +1,4 @@
-// Files of IMU and odometry samples.
+// Files of IMU and odometry samples and of satellite positions.
 #ifndef PORTOLAN_AGENT_IMAGE_SOURCE_SAMPLE_FILES_H_
 #define PORTOLAN_AGENT_IMAGE_SOURCE_SAMPLE_FILES_H_
 
@@ -7,6 +7,7 @@
 
 #include "agent/image_source/samples.h"
 #include "common/base/status.h"
+#include "common/submap/submap.h"
 
 namespace portolan {
 
@@ -18,6 +19,10 @@ StatusOr<std::vector<ImuSample>> ReadImuCsv(const std::filesystem::path& path);
 // time [ns], x, y [m], heading [rad] (planar) or time [ns], x, y, z [m], qw, qx, qy, qz. Order and
 // errors as above.
 StatusOr<std::vector<OdometrySample>> ReadOdometryCsv(const std::filesystem::path& path);
+
+// time [ns], latitude, longitude [deg], height above the ellipsoid [m], standard deviation of each
+// horizontal coordinate and of the height [m]. Order and errors as above.
+StatusOr<std::vector<GnssFix>> ReadGnssCsv(const std::filesystem::path& path);
 
 }  // namespace portolan
 

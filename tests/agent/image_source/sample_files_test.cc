@@ -74,5 +74,28 @@ TEST(ReadOdometryCsv, BrokenLinesAreErrors) {
   }
 }
 
+TEST(ReadGnssCsv, ReadsFixes) {
+  const TempDir dir;
+  const auto fixes = ReadGnssCsv(dir.Write(
+      "gnss.csv",
+      "# time_ns,lat,lon,height,sigma_h,sigma_v\n20,47.5,-8.25,400.5,1,2.5\n10,1,2,3,0.02,0.04\n"));
+  ASSERT_THAT(fixes, IsOk());
+  ASSERT_EQ(fixes->size(), 2u);
+  EXPECT_EQ(fixes->at(0).time, Timestamp(10));
+  EXPECT_EQ(fixes->at(1).position, (GeodeticPosition{47.5, -8.25, 400.5}));
+  EXPECT_EQ(fixes->at(1).sigma_horizontal_m, 1);
+  EXPECT_EQ(fixes->at(1).sigma_vertical_m, 2.5);
+}
+
+TEST(ReadGnssCsv, BrokenLinesAreErrors) {
+  const TempDir dir;
+  for (const char* line : {"1,47,8,400,1", "1,47,8,400,1,1,1", "1,97,8,400,1,1", "1,47,188,400,1,1",
+                           "1,47,8,nan,1,1", "1,47,8,400,0,1", "1,47,8,400,1,-1"}) {
+    EXPECT_THAT(ReadGnssCsv(dir.Write("g.csv", std::string("1,2,3,4,5,6\n") + line)),
+                StatusIs(StatusCode::kInvalidArgument, HasSubstr("g.csv:2:")))
+        << line;
+  }
+}
+
 }  // namespace
 }  // namespace portolan
