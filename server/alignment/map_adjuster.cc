@@ -185,7 +185,7 @@ class WindowAdjustment {
       const Eigen::Vector3d antenna_from_camera =
           points[i].in_world - problem_.cameras[camera].world_from_camera.translation;
       const Eigen::Vector3d information =
-          weights[i] * points[i].site_covariance.diagonal().cwiseInverse();
+          weights[i] * points[i].share * points[i].site_covariance.diagonal().cwiseInverse();
       pulls[camera].information += information;
       pulls[camera].weighted_sum +=
           information.cwiseProduct(points[i].in_site - antenna_from_camera);

@@ -295,7 +295,7 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
   last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
                                has_positions ? &positions : nullptr);
   Touch(ids);
-  ReportPositions(component);
+  ReportErrors(component);
   if (last_adjustment_.summary.interrupted) return;
   stale_.erase(component);
   MakeMetric(component);

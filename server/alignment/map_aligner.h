@@ -117,7 +117,8 @@ class MapAligner {
   const MapModel& model() const { return model_; }
   const ClosureList& closures() const { return relations_.closures(); }
   const ClosureList& waiting_closures() const { return pending_; }
-  // Components in which positions are known, georeferenced or not; as of their last adjustment.
+  // Components with known positions or metric sensors, georeferenced or not; as of their last
+  // adjustment.
   const std::map<ComponentId, std::shared_ptr<const GeoreferenceReport>>& georeferences() const {
     return georeferences_;
   }
@@ -174,8 +175,9 @@ class MapAligner {
                        PositionReferences* references);
   void ChooseSite();
   void ReportProblem(ComponentId component, std::string problem);
-  // What is left of the errors, if the component is in the site's frame.
-  void ReportPositions(ComponentId component);
+  // What is left of the errors at known positions, of metric scales and of verticals.
+  void ReportErrors(ComponentId component);
+  void ReportPositions(ComponentId component, GeoreferenceReport* report) const;
 
   // For large components (map_aligner_regions.cc).
   bool CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> candidates);

@@ -5,7 +5,6 @@
 #include <limits>
 #include <utility>
 
-#include "common/base/concat.h"
 #include "server/alignment/map_aligner.h"
 
 namespace portolan {
@@ -58,7 +57,7 @@ void MapAligner::SetSurvey(std::shared_ptr<const Survey> survey) {
       for (const ControlObservation& sight : point.observations) agents.insert(sight.agent);
     }
   }
-  const bool has_new_origin = survey->origin != survey_->origin;
+  const bool has_new_origin = ImpliedOrigin(*survey) != ImpliedOrigin(*survey_);
   survey_ = std::move(survey);
   for (const auto& [id, submap] : model_.submaps()) {
     const Submap& raw = *submap.refined->raw;
@@ -154,7 +153,7 @@ bool MapAligner::Georeference(ComponentId component, PositionReferences* referen
   report.is_georeferenced = true;
   report.mode = fit.mode;
   georeferences_[component] = std::make_shared<const GeoreferenceReport>(std::move(report));
-  ReportPositions(component);
+  ReportErrors(component);
   return true;
 }
 
@@ -171,15 +170,43 @@ bool MapAligner::BendToPositions(ComponentId component, const std::atomic<bool>&
   return !summary.interrupted;
 }
 
-void MapAligner::ReportPositions(ComponentId component) {
-  if (!IsGeoreferenced(component) || !site_) return;
+void MapAligner::ReportErrors(ComponentId component) {
+  GeoreferenceReport report;
+  if (const auto known = georeferences_.find(component); known != georeferences_.end()) {
+    report.is_georeferenced = known->second->is_georeferenced;
+    report.mode = known->second->mode;
+    report.origin = known->second->origin;
+    report.problem = known->second->problem;
+  }
+  double log_scales = 0, tilts = 0;
+  for (const SubmapId id : model_.SubmapsOf(component)) {
+    const ModelSubmap& submap = model_.submap(id);
+    const auto& gravity = submap.refined->raw->gravity_in_submap;
+    if (submap.quarantined()) continue;
+    if (const auto scale = MeasureScale(options_.adjuster.metric, model_, id)) {
+      ++report.metric_submap_count;
+      log_scales += scale->log_scale * scale->log_scale;
+    }
+    if (!gravity) continue;
+    ++report.vertical_submap_count;
+    const double cosine = -(submap.world_from_submap.rotation * *gravity).z();
+    tilts += std::pow(std::acos(std::clamp(cosine, -1.0, 1.0)), 2);
+  }
+  report.rms_log_scale = std::sqrt(log_scales / std::max(report.metric_submap_count, 1));
+  report.rms_tilt_rad = std::sqrt(tilts / std::max(report.vertical_submap_count, 1));
+  if (report.is_georeferenced && site_) ReportPositions(component, &report);
+  if (!report.is_georeferenced && report.problem.empty() && report.metric_submap_count == 0 &&
+      report.vertical_submap_count == 0) {
+    return;
+  }
+  georeferences_[component] = std::make_shared<const GeoreferenceReport>(std::move(report));
+}
+
+void MapAligner::ReportPositions(ComponentId component, GeoreferenceReport* report) const {
   const PositionReferences references = CollectPositionReferences(
       options_.positions, model_, model_.SubmapsOf(component), *survey_, *site_, 1.0);
-  GeoreferenceReport report;
-  report.is_georeferenced = true;
-  report.mode = georeferences_.at(component)->mode;
-  report.origin = *site_;
-  report.problem = references.unusable_reason;
+  report->origin = *site_;
+  report->problem = references.unusable_reason;
   const std::vector<double> chi2 = SiteChi2(PointsOf(references), Similarity3::Identity());
   const double limit = std::max(kOutlierChi2, SiteLossSquare(options_.relaxation.positions, chi2));
   ResidualSums control, fixes;
@@ -198,22 +225,22 @@ void MapAligner::ReportPositions(ComponentId component) {
       residual.control_point = survey_->points[term.control_point].id;
       points.insert(term.control_point);
     } else {
-      ++report.fix_count;
+      ++report->fix_count;
     }
-    report.outlier_count += residual.is_outlier ? 1 : 0;
+    report->outlier_count += residual.is_outlier ? 1 : 0;
     if (!residual.is_outlier) (is_control ? control : fixes).Add(residual);
-    if (report.residuals.size() < kMaxReportedResiduals) {
-      report.residuals.push_back(std::move(residual));
-    }
+    report->residuals.push_back(std::move(residual));
   }
-  report.control_point_count = static_cast<int>(points.size());
-  report.rms_control_horizontal_m = control.Horizontal();
-  report.rms_control_vertical_m = control.Vertical();
-  report.rms_fix_horizontal_m = fixes.Horizontal();
-  report.rms_fix_vertical_m = fixes.Vertical();
-  std::stable_sort(report.residuals.begin(), report.residuals.end(),
-                   [](const auto& a, const auto& b) { return a.control_point > b.control_point; });
-  georeferences_[component] = std::make_shared<const GeoreferenceReport>(std::move(report));
+  report->control_point_count = static_cast<int>(points.size());
+  report->rms_control_horizontal_m = control.Horizontal();
+  report->rms_control_vertical_m = control.Vertical();
+  report->rms_fix_horizontal_m = fixes.Horizontal();
+  report->rms_fix_vertical_m = fixes.Vertical();
+  std::stable_partition(report->residuals.begin(), report->residuals.end(),
+                        [](const auto& residual) { return !residual.control_point.empty(); });
+  if (report->residuals.size() > kMaxReportedResiduals) {
+    report->residuals.resize(kMaxReportedResiduals);
+  }
 }
 
 }  // namespace portolan

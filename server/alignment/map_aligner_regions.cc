@@ -275,7 +275,7 @@ void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt
       RelaxSubmaps(options_.relaxation, options_.adjuster.metric, ids, &interrupt, &model_,
                    has_positions ? &positions.terms : nullptr);
   if (summary.iterations > 0) moved_.insert(ids.begin(), ids.end());
-  ReportPositions(component);
+  ReportErrors(component);
   if (summary.interrupted) return;
   strained_.erase(component);
   for (const SubmapId id : ids) visits_.erase(id);
@@ -314,7 +314,7 @@ void MapAligner::PolishLargeComponent(const std::atomic<bool>& interrupt) {
   last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
                                has_positions ? &positions : nullptr);
   Touch(ids);
-  ReportPositions(component);
+  ReportErrors(component);
   if (last_adjustment_.summary.interrupted) return;
   unpolished_.erase(component);
   TakeBackFailed(ids);

@@ -14,6 +14,16 @@ namespace {
 
 using PassSights = std::vector<SurveyedPoint::Sight>;
 
+// How many fixes lie in a span of that length about the time, that of the time included.
+double FixesAround(const std::vector<GnssFix>& fixes, Timestamp time, Duration span) {
+  const auto first =
+      std::lower_bound(fixes.begin(), fixes.end(), time - span / 2,
+                       [](const GnssFix& fix, Timestamp at) { return fix.time < at; });
+  const auto end = std::upper_bound(fixes.begin(), fixes.end(), time + span / 2,
+                                    [](Timestamp at, const GnssFix& fix) { return at < fix.time; });
+  return static_cast<double>(end - first);
+}
+
 // Fixes of one submap, each placed on the way between its neighbouring keyframes.
 void AddFixes(const PositionReferenceOptions& options, const ModelSubmap& submap,
               const SiteOrigin& origin, double metres_per_unit, PositionReferences* references) {
@@ -51,15 +61,10 @@ void AddFixes(const PositionReferenceOptions& options, const ModelSubmap& submap
         (1 - part) * a.translation + part * b.translation +
         a.rotation.slerp(part, b.rotation) * raw.antenna_in_camera_m / metres_per_unit;
     term.point.in_site = *in_site;
-    int together = 0;
-    for (const GnssFix& other : fixes) {
-      const Duration apart = other.time - fixes[i].time;
-      together += 2 * std::chrono::abs(apart) < options.fix_correlation ? 1 : 0;
-    }
+    term.point.share = 1.0 / FixesAround(fixes, fixes[i].time, options.fix_correlation);
     const double horizontal = std::pow(fixes[i].sigma_horizontal_m, 2);
     const double vertical = std::pow(fixes[i].sigma_vertical_m, 2);
     term.point.site_covariance =
-        std::max(together, 1) *
         Eigen::Vector3d(horizontal, horizontal, vertical).asDiagonal().toDenseMatrix();
     references->terms.push_back(term);
   }
@@ -178,12 +183,13 @@ void AddControlPoint(const PositionReferenceOptions& options, const MapModel& mo
                " observations do not meet at a useful angle");
     return;
   }
-  // All passes share the survey's error.
-  const double variance = static_cast<double>(terms.size()) * std::pow(point.sigma_m, 2);
+  const double variance = std::pow(point.sigma_m, 2);
   for (PositionTerm& term : terms) {
     term.control_point = index;
     term.point.in_site = in_site;
     term.point.site_covariance = variance * Eigen::Matrix3d::Identity();
+    // All passes have the survey's error in common.
+    term.point.share = 1.0 / static_cast<double>(terms.size());
     references->terms.push_back(term);
   }
   references->points.push_back({index, in_site, point.sigma_m, sights});

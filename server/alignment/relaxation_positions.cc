@@ -14,6 +14,7 @@ void RelaxationPositions::Add(int body, const RelaxationBody& element, const Pos
   added.target = term.point.in_site;
   const Eigen::Matrix3d covariance = term.point.site_covariance + term.point.world_covariance;
   added.information = covariance.llt().solve(Eigen::Matrix3d::Identity());
+  added.share = term.point.share;
   elements_.push_back(added);
 }
 
@@ -26,7 +27,8 @@ void RelaxationPositions::ChooseLoss(const GeoreferenceFitOptions& options) {
 double RelaxationPositions::Cost() const {
   double cost = 0;
   for (const Element& element : elements_) {
-    cost += 0.5 * loss_square_ * std::log1p(element.Chi2(element.place) / loss_square_);
+    cost +=
+        0.5 * element.share * loss_square_ * std::log1p(element.Chi2(element.place) / loss_square_);
   }
   return cost;
 }
@@ -37,7 +39,7 @@ void RelaxationPositions::AddTo(const std::vector<RelaxationBody>& bodies,
     const RelaxationBody& body = bodies[element.body];
     const Eigen::Vector3d error = element.place - element.target;
     const double weight = 1 / (1 + element.Chi2(element.place) / loss_square_);
-    const Eigen::Matrix3d information = weight * element.information;
+    const Eigen::Matrix3d information = weight * element.share * element.information;
     const auto jacobians = PointJacobians(body, element.place);
     const std::array<double, 2> shares = {1 - element.part, element.part};
     for (int row = 0; row < 2; ++row) {
@@ -62,7 +64,8 @@ void RelaxationPositions::Try(const std::function<Similarity3(int body, double p
 double RelaxationPositions::CostOfTrial() const {
   double cost = 0;
   for (const Element& element : elements_) {
-    cost += 0.5 * loss_square_ * std::log1p(element.Chi2(element.tried) / loss_square_);
+    cost +=
+        0.5 * element.share * loss_square_ * std::log1p(element.Chi2(element.tried) / loss_square_);
   }
   return cost;
 }

@@ -35,6 +35,7 @@ class RelaxationPositions {
     Eigen::Vector3d tried = Eigen::Vector3d::Zero();
     Eigen::Vector3d target = Eigen::Vector3d::Zero();
     Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+    double share = 1;
 
     double Chi2(const Eigen::Vector3d& at) const {
       return (at - target).dot(information * (at - target));

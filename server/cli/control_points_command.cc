@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <fstream>
 #include <iostream>
+#include <numbers>
 
 #include "common/base/concat.h"
 #include "server/cli/command.h"
@@ -167,8 +168,19 @@ const char* ModeText(v1::GeoreferenceMode mode) {
 
 void PrintGeoreference(const v1::Georeference& component, bool with_residuals) {
   std::cout << "component " << component.component_id() << ": ";
+  if (component.metric_submap_count() > 0) {
+    std::printf("scale by %u submaps' sensors, rms %.2f %%; ", component.metric_submap_count(),
+                100 * component.rms_log_scale());
+  }
+  if (component.vertical_submap_count() > 0) {
+    std::printf("vertical by %u submaps' sensors, rms %.2f degrees; ",
+                component.vertical_submap_count(),
+                component.rms_tilt_rad() * 180 / std::numbers::pi);
+  }
+  std::fflush(stdout);
   if (!component.georeferenced()) {
-    std::cout << "not georeferenced: " << component.problem() << "\n";
+    std::cout << "not georeferenced" << (component.problem().empty() ? "" : ": ")
+              << component.problem() << "\n";
     return;
   }
   std::cout << "georeferenced (east, north, up in metres) about " << OriginText(component.origin())
@@ -223,7 +235,7 @@ int RunGeoreference(std::span<const std::string> args) {
   bool residuals = false;
   OptionTable table;
   client.AddTo(&table);
-  table.Add("component", &component, "", "Only this one; 0: all in which positions are known.");
+  table.Add("component", &component, "", "Only this one; 0: all of which something is known.");
   table.Add("residuals", &residuals, "",
             "Every control point and fix: map minus known position (east, north, up).");
   CommandLine line;
@@ -231,7 +243,7 @@ int RunGeoreference(std::span<const std::string> args) {
   if (!ParseArguments(args,
                       "usage: portolan georeference [flags]\nHow components lie on the earth or in "
                       "the local grid: frame, origin, and what is left of the errors at control "
-                      "points and satellite fixes.",
+                      "points and satellite fixes, of metric scales and verticals.",
                       0, &table, &line, &exit_code)) {
     return exit_code;
   }
@@ -243,7 +255,8 @@ int RunGeoreference(std::span<const std::string> args) {
   if (!response.ok()) return Fail(response.status());
   if (client.json) return PrintMessage(*response);
   if (response->components().empty()) {
-    std::cout << "no positions are known: neither control points nor satellite fixes\n";
+    std::cout
+        << "neither positions (control points, satellite fixes) nor metric sensors are known\n";
   }
   for (const v1::Georeference& one : response->components()) PrintGeoreference(one, residuals);
   std::cout.flush();

@@ -148,7 +148,8 @@ class SiteSolver {
         jacobian.middleCols<3>(3) = -Skew(arm);
       }
       if (mode_ == AlignmentMode::kSim3) jacobian.col(6) = arm;
-      const Eigen::Matrix3d weighted = weights[i] * InformationIn(points_[i], fit);
+      const Eigen::Matrix3d weighted =
+          weights[i] * points_[i].share * InformationIn(points_[i], fit);
       information_ += jacobian.transpose() * weighted * jacobian;
       gradient_ += jacobian.transpose() * weighted * (in_site - points_[i].in_site);
     }

@@ -32,6 +32,8 @@ struct SitePoint {
   Eigen::Vector3d in_site = Eigen::Vector3d::Zero();
   Eigen::Matrix3d world_covariance = Eigen::Matrix3d::Zero();
   Eigen::Matrix3d site_covariance = Eigen::Matrix3d::Identity();  // positive definite
+  // Of its information, that is its own; the rest it shares with others whose errors are the same.
+  double share = 1;
 };
 
 struct GeoreferenceFit {

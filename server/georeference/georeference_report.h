@@ -43,6 +43,12 @@ struct GeoreferenceReport {
   double rms_control_vertical_m = 0;
   double rms_fix_horizontal_m = 0;
   double rms_fix_vertical_m = 0;
+  // Submaps whose own sensors tell metres, and how far they are off the map's (log of the scale);
+  // likewise the vertical. A monocular vehicle's submaps have neither.
+  int metric_submap_count = 0;
+  double rms_log_scale = 0;
+  int vertical_submap_count = 0;
+  double rms_tilt_rad = 0;
 };
 
 inline constexpr size_t kMaxReportedResiduals = 10000;

@@ -113,6 +113,10 @@ void ToProto(const ComponentState& component, bool with_residuals, v1::Georefere
   message->set_rms_control_vertical_m(report.rms_control_vertical_m);
   message->set_rms_fix_horizontal_m(report.rms_fix_horizontal_m);
   message->set_rms_fix_vertical_m(report.rms_fix_vertical_m);
+  message->set_metric_submap_count(static_cast<uint32_t>(report.metric_submap_count));
+  message->set_rms_log_scale(report.rms_log_scale);
+  message->set_vertical_submap_count(static_cast<uint32_t>(report.vertical_submap_count));
+  message->set_rms_tilt_rad(report.rms_tilt_rad);
   if (!with_residuals) return;
   for (const GeoreferenceResidual& residual : report.residuals) {
     v1::GeoreferenceResidual* one = message->add_residuals();

@@ -80,12 +80,15 @@ class AgentWithSensors : public testing::Test {
     auto created = Agent::Create({}, RenderedCamera(), AgentId("tester"), SessionId(7), sensors);
     ASSERT_THAT(created, IsOk());
     agent_ = std::move(*created);
-    size_t imu = 0, odometry = 0;
+    size_t imu = 0, odometry = 0, fix = 0;
     for (size_t i = 0; i < images_.size(); ++i) {
       const Timestamp until = images_[i].time + std::chrono::milliseconds(6);
       for (; imu < imu_.size() && imu_[imu].time <= until; ++imu) agent_->AddImu({{imu_[imu]}});
       for (; odometry < odometry_.size() && odometry_[odometry].time <= until; ++odometry) {
         agent_->AddOdometry({{odometry_[odometry]}});
+      }
+      for (; fix < fixes_.size() && fixes_[fix].time <= images_[i].time; ++fix) {
+        agent_->AddGnss({{fixes_[fix]}});
       }
       auto result = agent_->ProcessImage(images_[i].time, images_[i].gray);
       ASSERT_THAT(result, IsOk());
@@ -121,6 +124,7 @@ class AgentWithSensors : public testing::Test {
   const synthetic::BodyPath path_;
   std::vector<ImuSample> imu_;
   std::vector<OdometrySample> odometry_;
+  std::vector<GnssFix> fixes_;
   ImuMount mount_;
   std::unique_ptr<Agent> agent_;
   std::vector<FrameResult> results_;
@@ -144,6 +148,36 @@ class AgentWithSensors : public testing::Test {
 
   Rigid3 chain_from_submap_;
 };
+
+TEST_F(AgentWithSensors, FixesTravelWithTheirSubmapAndChangeNothingElse) {
+  Run({});
+  const std::vector<Submap> without = std::move(submaps_);
+  submaps_.clear();
+  for (Timestamp time = images_.front().time - std::chrono::milliseconds(500);
+       time < images_.back().time; time += std::chrono::milliseconds(70)) {
+    fixes_.push_back({time, {47, 8 + 1e-6 * static_cast<double>(fixes_.size()), 400}, 1, 2});
+  }
+  VehicleSensors sensors;
+  sensors.antenna_in_camera_m = {0.5, 0, -1};
+  Run(sensors);
+  ASSERT_EQ(submaps_.size(), without.size());
+  std::vector<Timestamp> expected, taken;
+  for (const GnssFix& fix : fixes_) {
+    if (fix.time >= submaps_.front().keyframes.front().time &&
+        fix.time < submaps_.back().keyframes.back().time) {
+      expected.push_back(fix.time);
+    }
+  }
+  for (size_t i = 0; i < submaps_.size(); ++i) {
+    Submap& submap = submaps_[i];
+    EXPECT_EQ(submap.antenna_in_camera_m, sensors.antenna_in_camera_m);
+    for (const GnssFix& fix : submap.gnss) taken.push_back(fix.time);
+    submap.gnss.clear();
+    EXPECT_EQ(*EncodeSubmap(submap), *EncodeSubmap(without[i]));
+  }
+  EXPECT_GT(taken.size(), 50u);
+  EXPECT_EQ(taken, expected);
+}
 
 TEST_F(AgentWithSensors, ImuMakesTheSubmapsMetricAndUpright) {
   Run({mount_, std::nullopt, std::nullopt});

@@ -279,6 +279,28 @@ TEST_F(LayoutsTest, OdometryIsTakenPieceByPiece) {
   EXPECT_EQ(source->TakeOdometry((*source->Next())->time).size(), 2u);
 }
 
+TEST_F(LayoutsTest, FixesBesideTheImagesAreTakenPieceByPiece) {
+  WriteTestFolder(dir_, 2);
+  dir_.Write("gnss.csv",
+             "99000000000,47,8,400,1,2\n100000000000,47,8,400,1,2\n100050000000,47,8,401,1,2\n");
+  ImageSourceOptions options = Options();
+  options.gnss_antenna_in_camera_m = {1, 2, 3};
+  const auto source = OpenOrFail(options);
+  ASSERT_TRUE(source);
+  EXPECT_TRUE(source->info().has_gnss);
+  EXPECT_EQ(source->info().antenna_in_camera_m, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(source->TakeGnss((*source->Next())->time).size(), 1u);
+  EXPECT_EQ(source->TakeGnss((*source->Next())->time).size(), 1u);
+  options.gnss = "none";
+  EXPECT_FALSE(OpenOrFail(options)->info().has_gnss);
+  options.gnss = (dir_.path() / "gone.csv").string();
+  EXPECT_THAT(OpenImageSource(options), StatusIs(StatusCode::kNotFound, HasSubstr("gone.csv")));
+  options.gnss =
+      dir_.Write("bad.csv", "100000000000,47,8,400,1,2\n100050000000,97,8,401,1,2\n").string();
+  EXPECT_THAT(OpenImageSource(options),
+              StatusIs(StatusCode::kInvalidArgument, HasSubstr("bad.csv:2:")));
+}
+
 TEST_F(LayoutsTest, LayoutsWithoutImuOrSecondCameraSaySo) {
   WriteTestFolder(dir_, 1);
   ImageSourceOptions options = Options();
