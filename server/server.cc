@@ -54,6 +54,14 @@ std::vector<SubmapInput> NotIn(const MapSnapshot* snapshot,
   return missing;
 }
 
+// Whether the newest session of an agent was not finished; they are in order of their creation.
+bool HasUnfinishedAgent(const std::vector<SessionRecord>& sessions) {
+  std::map<AgentId, bool> is_finished;
+  for (const SessionRecord& session : sessions) is_finished[session.agent] = session.finished;
+  return std::any_of(is_finished.begin(), is_finished.end(),
+                     [](const auto& agent) { return !agent.second; });
+}
+
 }  // namespace
 
 Status ServerOptions::Validate() const {
@@ -123,9 +131,8 @@ class Server::Impl {
     }
     // A lockstep run that was broken off repeats what it had integrated: a map that is continued
     // from its stored form is as good, but not the same to the last bit.
-    const bool is_broken_off = !options_.ingest.lockstep_agents.empty() &&
-                               std::any_of(map.sessions.begin(), map.sessions.end(),
-                                           [](const auto& session) { return !session.finished; });
+    const bool is_broken_off =
+        !options_.ingest.lockstep_agents.empty() && HasUnfinishedAgent(map.sessions);
     if (options_.rebuild || is_broken_off || !map.derived_problem.empty()) {
       PORTOLAN_RETURN_IF_ERROR(store_->DropDerived());
       // The versions go on, so that an agent that knows an old one is told what moved.

@@ -315,6 +315,7 @@ LocalFilter::DepthPrior LocalFilter::WithMeasured(const DepthPrior& prior,
 
 int LocalFilter::AddLandmarks(std::span<const Measurement> measurements,
                               std::span<const MeasuredDepth> depths) {
+  if (measurements.empty()) return 0;
   const DepthPrior general_prior = PriorOfNewLandmarks();
   const Eigen::Quaterniond rotation = submap_from_camera().rotation;
   int anchor = -1, added = 0;

@@ -58,8 +58,11 @@ StatusOr<cv::Mat> Decode(const Bytes& bytes) {
     const cv::Mat gray = DecodeJpegGray(bytes);
     if (!gray.empty()) return gray;
   }
-  PORTOLAN_ASSIGN_OR_RETURN(MediaLibrary * library, LoadMediaLibrary());
-  return library->DecodeGray(bytes);
+  const StatusOr<MediaLibrary*> library = LoadMediaLibrary();
+  if (library.ok()) return (*library)->DecodeGray(bytes);
+  // Damaged, or of four inks.
+  if (IsJpeg(bytes)) return cv::Mat();
+  return library.status();
 }
 
 }  // namespace

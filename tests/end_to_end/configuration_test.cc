@@ -23,10 +23,10 @@ TEST(AgentYaml, HoldsEveryOptionWithItsDefault) {
   std::ifstream file("deploy/agent.yaml");
   std::string title;
   std::getline(file, title);
-  EXPECT_EQ(title.substr(0, 2), "# ");
+  EXPECT_EQ(title.find("# "), 0u);
   std::stringstream yaml;
   yaml << file.rdbuf();
-  std::string printed = OutputOf(std::string(PORTOLAN_AGENT_PROGRAM) + " --print-config");
+  std::string printed = OutputOf(PORTOLAN_AGENT_PROGRAM " --print-config");
   // The file leaves out the option that printed it.
   const std::string own = "# print all options as YAML and end\nprint_config: false\n";
   const size_t at = printed.find(own);
