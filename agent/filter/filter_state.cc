@@ -1,9 +1,9 @@
 #include "agent/filter/filter_state.h"
 
-#include <Eigen/Eigenvalues>
 #include <utility>
 
 #include "common/base/check.h"
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 
@@ -35,17 +35,19 @@ bool FilterState::Predict(Timestamp time, double scene_depth) {
   if (!motion_->Predict(time, scene_depth, &transition_, &noise_)) return false;
   const int rest = active_dim() - motion_dim_;
   auto motion_block = covariance_.topLeftCorner(motion_dim_, motion_dim_);
-  const MotionModel::MotionMatrix propagated =
-      transition_ * motion_block * transition_.transpose() + noise_;
-  motion_block = 0.5 * (propagated + propagated.transpose());
+  MotionModel::MotionMatrix half(motion_dim_, motion_dim_);
+  SetToProduct(transition_, motion_block, half);
+  motion_block = noise_;
+  AddProductTransposed(1, half, transition_, motion_block);
+  Symmetrise(motion_block);
   auto cross = covariance_.block(motion_dim_, 0, rest, motion_dim_);
   auto scratch = scratch_.topLeftCorner(rest, motion_dim_);
-  scratch.noalias() = cross * transition_.transpose();
+  SetToProductTransposed(cross, transition_, scratch);
   cross = scratch;
   covariance_.block(0, motion_dim_, motion_dim_, rest) = scratch.transpose();
   if (passive_blocks_ > 0) {
     auto rows = factor_.topLeftCorner(motion_dim_, active_dim());
-    rows = (transition_ * rows).eval();
+    rows = Product(transition_, rows);
   }
   return true;
 }
@@ -89,7 +91,7 @@ Eigen::Matrix3d FilterState::PointCovariance(const Landmark& landmark) const {
   if (IsPassive(landmark)) {
     const int n = active_dim();
     const auto cross = covariance_.block(0, offset, n, 3);
-    own -= cross.transpose() * reduction_.topLeftCorner(n, n) * cross;
+    AddTransposedProduct(-1, cross, Product(reduction_.topLeftCorner(n, n), cross), own);
   }
   if (landmark.euclidean) return own;
   Eigen::Matrix3d d_point_d_ray;
@@ -143,8 +145,9 @@ int FilterState::AddAnchor() {
   const int n = dim();
   anchor.block = AppendBlock({true, index});
   const Eigen::Matrix<double, 3, 6> d_anchor_d_pose = motion_->DCameraDPose().topRows<3>();
-  covariance_.block(n, 0, 3, n).noalias() = d_anchor_d_pose * covariance_.topRows<6>().leftCols(n);
-  covariance_.block<3, 3>(n, n) = covariance_.block<3, 6>(n, 0) * d_anchor_d_pose.transpose();
+  auto rows = covariance_.block(n, 0, 3, n);
+  SetToProduct(d_anchor_d_pose, covariance_.topLeftCorner(6, n), rows);
+  SetToProductTransposed(rows.leftCols(6), d_anchor_d_pose, covariance_.block(n, n, 3, 3));
   MirrorRows(n);
   return index;
 }
@@ -163,15 +166,16 @@ void FilterState::AddRay(const NewRay& ray, int anchor, double pixel_variance,
       ray.d_ray_d_orientation * motion_->DCameraDPose().bottomRows<3>();
   auto rows = covariance_.block(n, 0, 3, n + 3);
   rows.setZero();
-  rows.topLeftCorner(2, n).noalias() = d_ray_d_pose * covariance_.topRows<6>().leftCols(n);
-  rows.block<2, 2>(0, n) = rows.topLeftCorner<2, 6>() * d_ray_d_pose.transpose() +
-                           pixel_variance * ray.d_ray_d_pixel * ray.d_ray_d_pixel.transpose();
+  AddProduct(1, d_ray_d_pose, covariance_.topLeftCorner(6, n), rows.topLeftCorner(2, n));
+  AddProductTransposed(1, rows.topLeftCorner(2, 6), d_ray_d_pose, rows.block(0, n, 2, 2));
+  AddProductTransposed(pixel_variance, ray.d_ray_d_pixel, ray.d_ray_d_pixel,
+                       rows.block(0, n, 2, 2));
   const auto m = d_depth_d_state.size();
   if (m > 0) {
-    rows.block(2, 0, 1, n).noalias() = d_depth_d_state * covariance_.topLeftCorner(m, n);
-    rows.block<2, 1>(0, n + 2).noalias() = rows.topLeftCorner(2, m) * d_depth_d_state.transpose();
+    const Eigen::VectorXd depth = d_depth_d_state.transpose();
+    rows.row(2).head(n) = TransposedProduct(covariance_.topLeftCorner(m, n), depth).transpose();
+    AddProduct(1, rows.topLeftCorner(3, m), depth, rows.col(n + 2));
     rows.block<1, 2>(2, n) = rows.block<2, 1>(0, n + 2).transpose();
-    rows(2, n + 2) = rows.row(2).head(m).dot(d_depth_d_state);
   }
   rows(2, n + 2) += inverse_depth_variance;
   MirrorRows(n);
@@ -209,13 +213,14 @@ void FilterState::ConvertToEuclidean(int index) {
   landmark.point_in_submap = PointOfRay(landmark, AnchorPosition(landmark), &d_point_d_ray);
 
   auto rows = scratch_.topLeftCorner(3, n);
-  rows.noalias() = d_point_d_ray * covariance_.block(offset, 0, 3, n);
+  SetToProduct(d_point_d_ray, covariance_.block(offset, 0, 3, n), rows);
   if (anchor_offset != kFixed) rows += covariance_.block(anchor_offset, 0, 3, n);
-  Eigen::Matrix3d own = rows.block<3, 3>(0, offset) * d_point_d_ray.transpose();
+  Eigen::Matrix3d own = ProductTransposed(rows.middleCols(offset, 3), d_point_d_ray);
   if (anchor_offset != kFixed) own += rows.block<3, 3>(0, anchor_offset);
   covariance_.block(offset, 0, 3, n) = rows;
   covariance_.block(0, offset, n, 3) = rows.transpose();
-  covariance_.block<3, 3>(offset, offset) = 0.5 * (own + own.transpose());
+  Symmetrise(own);
+  covariance_.block<3, 3>(offset, offset) = own;
 
   landmark.euclidean = true;
   const int anchor = std::exchange(landmark.anchor, -1);
@@ -254,28 +259,28 @@ Rigid3 FilterState::Rebase() {
   const Rigid3 old_from_new = motion_->Rebase(&d_motion);
 
   auto half = scratch_.topLeftCorner(new_dim, n);
-  half.topRows(motion_dim_).noalias() = d_motion * covariance_.topRows(motion_dim_).leftCols(n);
+  SetToProduct(d_motion, covariance_.topLeftCorner(motion_dim_, n), half.topRows(motion_dim_));
   for (int i = 0; i < count; ++i) {
     const Part& part = parts[i];
-    auto rows = half.middleRows<3>(motion_dim_ + 3 * i);
-    rows.noalias() = part.d_pose * covariance_.topRows<6>().leftCols(n);
-    rows.noalias() += part.d_landmark * covariance_.middleRows<3>(part.offset).leftCols(n);
+    MatrixView rows = half.middleRows(motion_dim_ + 3 * i, 3);
+    SetToProduct(part.d_pose, covariance_.topLeftCorner(6, n), rows);
+    AddProduct(1, part.d_landmark, covariance_.block(part.offset, 0, 3, n), rows);
     if (part.anchor_offset != kFixed) {
-      rows.noalias() += part.d_anchor * covariance_.middleRows<3>(part.anchor_offset).leftCols(n);
+      AddProduct(1, part.d_anchor, covariance_.block(part.anchor_offset, 0, 3, n), rows);
     }
   }
   auto result = covariance_.topLeftCorner(new_dim, new_dim);
-  result.leftCols(motion_dim_).noalias() = half.leftCols(motion_dim_) * d_motion.transpose();
+  SetToProductTransposed(half.leftCols(motion_dim_), d_motion, result.leftCols(motion_dim_));
   for (int i = 0; i < count; ++i) {
     const Part& part = parts[i];
-    auto columns = result.middleCols<3>(motion_dim_ + 3 * i);
-    columns.noalias() = half.leftCols<6>() * part.d_pose.transpose();
-    columns.noalias() += half.middleCols<3>(part.offset) * part.d_landmark.transpose();
+    MatrixView columns = result.middleCols(motion_dim_ + 3 * i, 3);
+    SetToProductTransposed(half.leftCols(6), part.d_pose, columns);
+    AddProductTransposed(1, half.middleCols(part.offset, 3), part.d_landmark, columns);
     if (part.anchor_offset != kFixed) {
-      columns.noalias() += half.middleCols<3>(part.anchor_offset) * part.d_anchor.transpose();
+      AddProductTransposed(1, half.middleCols(part.anchor_offset, 3), part.d_anchor, columns);
     }
   }
-  result = (0.5 * (result + result.transpose())).eval();
+  Symmetrise(result);
 
   owners_.clear();
   for (int i = 0; i < count; ++i) owners_.push_back({false, i});
@@ -307,13 +312,13 @@ void FilterState::FixScale(const Eigen::RowVectorXd& d_log) {
   }
   direction /= d_log.dot(direction);
   // P' = T P T' with T = I - direction d_log.
-  const Eigen::VectorXd column = covariance() * d_log.transpose();
+  const Eigen::VectorXd column = Product(covariance(), d_log.transpose());
   const double variance = d_log.dot(column);
   auto p = covariance();
-  p.noalias() -= direction * column.transpose();
-  p.noalias() -= column * direction.transpose();
-  p.noalias() += variance * direction * direction.transpose();
-  p = (0.5 * (p + p.transpose())).eval();
+  AddProductTransposed(-1, direction, column, p);
+  AddProductTransposed(-1, column, direction, p);
+  AddProductTransposed(variance, direction, direction, p);
+  Symmetrise(p);
 }
 
 void FilterState::ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change) {
@@ -346,11 +351,12 @@ void FilterState::ChangeMotion(std::unique_ptr<MotionModel> motion, const Motion
   Eigen::MatrixXd by_added = Eigen::MatrixXd::Zero(new_dim + rest, change.added_covariance.cols());
   by_added.topRows(new_dim) = change.d_new_d_added;
   by_added.col(0).tail(rest) = d_scale;
-  const Eigen::MatrixXd result = by_old * covariance() * by_old.transpose() +
-                                 by_added * change.added_covariance * by_added.transpose();
+  Eigen::MatrixXd result =
+      Congruence(by_old, covariance()) + Congruence(by_added, change.added_covariance);
+  Symmetrise(result);
   motion_ = std::move(motion);
   motion_dim_ = new_dim;
-  covariance() = 0.5 * (result + result.transpose());
+  covariance() = result;
 }
 
 void FilterState::ResetMotion(std::unique_ptr<MotionModel> motion) {
@@ -367,8 +373,7 @@ bool FilterState::IsCovarianceValid() const {
   if (!p.allFinite()) return false;
   const double scale = p.cwiseAbs().maxCoeff();
   if ((p - p.transpose()).cwiseAbs().maxCoeff() > 1e-12 * scale) return false;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(p, Eigen::EigenvaluesOnly);
-  return solver.eigenvalues().minCoeff() > -1e-9 * scale;
+  return DecomposeSymmetric(p).values.minCoeff() > -1e-9 * scale;
 }
 
 }  // namespace portolan

@@ -1,6 +1,5 @@
 #include "agent/filter/inlier_selector.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -8,6 +7,7 @@
 #include <optional>
 
 #include "agent/filter/joint_compatibility.h"
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -50,7 +50,7 @@ int OnePointRansac::HypothesesNeeded(double inlier_share) const {
 void OnePointRansac::AddPoint(const Problem& problem, int point) {
   const int done = 2 * size_, n = static_cast<int>(problem.pht.rows());
   const Eigen::Matrix<double, 2, 2 * kMaxPoints> own = whitened_rows_[point];
-  const Eigen::Matrix2d l = ConditionalCovariance(problem, point).llt().matrixL();
+  const Eigen::Matrix2d l = CholeskyFactor(ConditionalCovariance(problem, point));
   const Eigen::Matrix2d l_inverse_transposed = l.inverse().transpose();
   whitened_innovation_.segment<2>(done) =
       l_inverse_transposed.transpose() *
@@ -84,7 +84,8 @@ Eigen::Matrix2d OnePointRansac::ConditionalCovariance(const Problem& problem, in
       gain -= whitened_gain_.block(linear.anchor_offset, 0, 3, 2 * size_);
       way -= correction_.segment<3>(linear.anchor_offset);
     }
-    shift += way * way.transpose() - gain * gain.transpose();
+    shift += way * way.transpose();
+    AddProductTransposed(-1, gain, gain, shift);
   }
   return covariance + DepthShiftCovariance(problem.state, linear, shift);
 }

@@ -1,10 +1,11 @@
 #include "agent/filter/joint_compatibility.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -72,12 +73,12 @@ std::optional<double> JointCompatibility::DistanceWith(int match, double distanc
   factor_.topLeftCorner(rows, rows).triangularView<Eigen::Lower>().solveInPlace(own_transposed);
   Eigen::Matrix2d left = covariance_.block<2, 2>(2 * match, 2 * match);
   left.noalias() -= own * own.transpose();
-  const Eigen::LLT<Eigen::Matrix2d> llt(left);
-  if (llt.info() != Eigen::Success) return std::nullopt;
-  factor_.block<2, 2>(rows, rows) = llt.matrixL();
+  const Eigen::Matrix2d l = CholeskyFactor(left);
+  if (!(l(1, 1) > 0)) return std::nullopt;
+  factor_.block<2, 2>(rows, rows) = l;
   Eigen::Vector2d rest = innovation_.segment<2>(2 * match);
   rest.noalias() -= own * whitened_.head(rows);
-  whitened_.segment<2>(rows) = llt.matrixL().solve(rest);
+  whitened_.segment<2>(rows) = l.inverse() * rest;
   return distance + whitened_.segment<2>(rows).squaredNorm();
 }
 

@@ -1,10 +1,10 @@
 #include "agent/filter/kalman_update.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
 #include "common/base/check.h"
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 
@@ -119,7 +119,7 @@ bool KalmanUpdate::LineariseAll(std::span<const Match> matches, const CameraMode
 bool KalmanUpdate::Solve(const FilterState& state) {
   const int count = static_cast<int>(linear_.size()), n = state.active_dim(), rows = 2 * count;
   ComputePHt(state, linear_);
-  const auto pht = pht_.topLeftCorner(n, rows);
+  const ConstMatrixView pht = pht_.topLeftCorner(n, rows);
   auto s = innovation_covariance_.topLeftCorner(rows, rows);
   auto innovation = innovation_.head(rows);
   for (int i = 0; i < count; ++i) {
@@ -128,14 +128,13 @@ bool KalmanUpdate::Solve(const FilterState& state) {
     innovation.segment<2>(2 * i) = linear_[i].innovation;
   }
   // S = L L'. W = L^-1 H P and w = L^-1 v give dx = W'w and P - W'W, symmetric by construction.
-  Eigen::Ref<Eigen::MatrixXd> s_ref(s);
-  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(s_ref);
-  if (llt.info() != Eigen::Success || !innovation.allFinite()) return false;
+  if (!FactorCholesky(s) || !innovation.allFinite()) return false;
   auto w = half_gain_.topLeftCorner(rows, n);
   w = pht.transpose();
-  llt.matrixL().solveInPlace(w);
-  llt.matrixL().solveInPlace(innovation);
-  correction_.head(n).noalias() = w.transpose() * innovation;
+  SolveLower(s, w);
+  SolveLower(s, innovation);
+  correction_.head(n).setZero();
+  AddTransposedProduct(1, w, innovation, correction_.head(n));
   return true;
 }
 
@@ -268,9 +267,7 @@ void KalmanUpdate::UpdatePassive(FilterState* state) {
     }
   }
   // L of the last Solve is still in the lower triangle.
-  innovation_covariance_.topLeftCorner(rows, rows)
-      .triangularView<Eigen::Lower>()
-      .solveInPlace(whitened_rows_);
+  SolveLower(innovation_covariance_.topLeftCorner(rows, rows), whitened_rows_);
   state->UpdatePassive(half_gain_.topLeftCorner(rows, n), whitened_rows_, innovation_.head(rows));
 }
 
@@ -286,11 +283,8 @@ std::optional<double> KalmanUpdate::Apply(std::vector<Match>* matches, const Cam
   for (int round = 0; !matches->empty() && Iterate(*matches, camera, state); ++round) {
     if (round < options_.max_rejection_rounds && RejectContradicting(matches)) continue;
     const int rows = 2 * static_cast<int>(matches->size());
-    auto p = state->active_covariance();
-    const auto w = half_gain_.topLeftCorner(rows, n);
     if (state->passive_count() > 0) UpdatePassive(state);
-    p.selfadjointView<Eigen::Lower>().rankUpdate(w.transpose(), -1.0);
-    p.triangularView<Eigen::StrictlyUpper>() = p.transpose();
+    AddGram(-1, half_gain_.topLeftCorner(rows, n), state->active_covariance());
     return innovation_.head(rows).squaredNorm();
   }
   state->Correct(-applied_.head(n));

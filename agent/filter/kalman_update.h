@@ -55,13 +55,12 @@ Eigen::Matrix2d DepthShiftCovariance(const FilterState& state, const LinearMeasu
 Eigen::Matrix2d PredictedCovariance(const FilterState& state, const LinearMeasurement& measurement);
 
 // H_i PHt_j: the 2x2 blocks of the innovation covariance, without the noise.
-template <typename Derived>
-Eigen::Matrix2d TimesPHt(const LinearMeasurement& row, const Eigen::MatrixBase<Derived>& pht,
-                         int j) {
-  Eigen::Matrix2d block = row.d_pose * pht.template block<6, 2>(0, 2 * j);
-  block += row.d_landmark * pht.template block<3, 2>(row.landmark_offset, 2 * j);
+inline Eigen::Matrix2d TimesPHt(const LinearMeasurement& row,
+                                const Eigen::Ref<const Eigen::MatrixXd>& pht, int j) {
+  Eigen::Matrix2d block = row.d_pose * pht.block<6, 2>(0, 2 * j);
+  block += row.d_landmark * pht.block<3, 2>(row.landmark_offset, 2 * j);
   if (row.anchor_offset != FilterState::kFixed) {
-    block += row.d_anchor * pht.template block<3, 2>(row.anchor_offset, 2 * j);
+    block += row.d_anchor * pht.block<3, 2>(row.anchor_offset, 2 * j);
   }
   return block;
 }

@@ -4,6 +4,7 @@
 
 #include "agent/filter/filter_state.h"
 #include "common/base/check.h"
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 
@@ -50,31 +51,28 @@ void FilterState::UpdatePassive(const Eigen::Ref<const Eigen::MatrixXd>& half_ga
                                 const Eigen::Ref<const Eigen::VectorXd>& whitened_innovation) {
   // With U = L^-1 H F and W = L^-1 H P_aa:  x_p += P_ap0' U' w,  F <- F - W' U,  G <- G + U' U.
   const int n = active_dim(), passive = dim() - n;
-  const Eigen::VectorXd moved = whitened_rows.transpose() * whitened_innovation;
-  const Eigen::VectorXd error = covariance_.block(0, n, n, passive).transpose() * moved;
+  const Eigen::VectorXd moved = TransposedProduct(whitened_rows, whitened_innovation);
+  const Eigen::VectorXd error = TransposedProduct(covariance_.block(0, n, n, passive), moved);
   for (Landmark& landmark : landmarks_) {
     if (IsPassive(landmark)) landmark.Correct(error.segment<3>(Offset(landmark) - n));
   }
-  auto factor = factor_.topLeftCorner(n, n);
-  factor.noalias() -= half_gain.transpose() * whitened_rows;
-  auto reduction = reduction_.topLeftCorner(n, n);
-  reduction.selfadjointView<Eigen::Lower>().rankUpdate(whitened_rows.transpose());
-  reduction.triangularView<Eigen::StrictlyUpper>() = reduction.transpose();
+  AddTransposedProduct(-1, half_gain, whitened_rows, factor_.topLeftCorner(n, n));
+  AddGram(1, whitened_rows, reduction_.topLeftCorner(n, n));
 }
 
 void FilterState::Activate(int index) {
   if (!IsPassive(landmarks_[index])) return;
   SwapBlocks(landmarks_[index].block, active_blocks());
   const int n = active_dim(), rest = dim() - n - 3;
-  const Eigen::Matrix<double, Eigen::Dynamic, 3> stored = covariance_.block(0, n, n, 3);
-  const Eigen::Matrix<double, Eigen::Dynamic, 3> reduced = reduction_.topLeftCorner(n, n) * stored;
-  Eigen::Matrix3d own = covariance_.block<3, 3>(n, n) - stored.transpose() * reduced;
-  covariance_.block<3, 3>(n, n) = 0.5 * (own + own.transpose());
+  const Eigen::MatrixXd stored = covariance_.block(0, n, n, 3);
+  const Eigen::MatrixXd reduced = Product(reduction_.topLeftCorner(n, n), stored);
+  AddTransposedProduct(-1, stored, reduced, covariance_.block(n, n, 3, 3));
+  Symmetrise(covariance_.block(n, n, 3, 3));
   // Its rows against those that stay passive are as of now: they get the factor one.
-  covariance_.block(n, n + 3, 3, rest).noalias() -=
-      reduced.transpose() * covariance_.block(0, n + 3, n, rest);
+  AddTransposedProduct(-1, reduced, covariance_.block(0, n + 3, n, rest),
+                       covariance_.block(n, n + 3, 3, rest));
   covariance_.block(n + 3, n, rest, 3) = covariance_.block(n, n + 3, 3, rest).transpose();
-  covariance_.block(0, n, n, 3).noalias() = passive_factor() * stored;
+  SetToProduct(passive_factor(), stored, covariance_.block(0, n, n, 3));
   covariance_.block(n, 0, 3, n) = covariance_.block(0, n, n, 3).transpose();
   for (Eigen::MatrixXd* matrix : {&factor_, &reduction_}) {
     matrix->block(0, n, n + 3, 3).setZero();
@@ -88,10 +86,9 @@ void FilterState::ExpandInto(Eigen::MatrixXd* covariance) const {
   const int n = active_dim(), passive = dim() - n;
   auto cross = covariance->block(0, n, n, passive);
   auto own = covariance->block(n, n, passive, passive);
-  const Eigen::MatrixXd reduced = reduction_.topLeftCorner(n, n) * cross;
-  own.noalias() -= cross.transpose() * reduced;
-  own = (0.5 * (own + own.transpose())).eval();
-  cross = (passive_factor() * cross).eval();
+  AddTransposedProduct(-1, cross, Product(reduction_.topLeftCorner(n, n), cross), own);
+  Symmetrise(own);
+  cross = Product(passive_factor(), cross);
   covariance->block(n, 0, passive, n) = cross.transpose();
 }
 

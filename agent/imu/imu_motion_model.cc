@@ -1,5 +1,7 @@
 #include "agent/imu/imu_motion_model.h"
 
+#include "common/linear_algebra/dense.h"
+
 namespace portolan {
 namespace {
 
@@ -18,9 +20,7 @@ Status ImuModelOptions::Validate() const {
 }
 
 Eigen::Matrix3d FrameAlong(const Eigen::Vector3d& direction) {
-  return Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), direction)
-      .normalized()
-      .toRotationMatrix();
+  return RotationBetween(Eigen::Vector3d::UnitZ(), direction).normalized().toRotationMatrix();
 }
 
 ImuMotionModel::ImuMotionModel(const ImuModelOptions& options, const ImuCalibration& calibration,
@@ -58,7 +58,7 @@ bool ImuMotionModel::Predict(Timestamp new_time, double, MotionMatrix* transitio
   for (const ImuStep& step : samples_->Steps(time(), new_time)) {
     StepMatrix step_transition;
     Propagate(step, &pose, &step_transition, &noise_sum);
-    total = step_transition * total;
+    SetToProduct(step_transition, StepMatrix(total), total);
     gap_s_ = step.measured ? 0 : gap_s_ + step.dt_s;
     if (!step.measured) bridged_s_ += step.dt_s;
   }
@@ -111,7 +111,9 @@ void ImuMotionModel::Propagate(const ImuStep& step, Rigid3* pose, StepMatrix* tr
                                     : Square(options_.gap_gyro_density);
   const double gyro_walk = factor * Square(calibration_.gyroscope_random_walk);
   const double accel_walk = factor * Square(calibration_.accelerometer_random_walk);
-  *noise = (f * *noise * f.transpose()).eval();
+  StepMatrix half;
+  SetToProduct(f, *noise, half);
+  SetToProductTransposed(half, f, *noise);
   StepMatrix& q = *noise;
   const auto add = [&q](int row, int column, double value) {
     for (int i = 0; i < 3; ++i) q(row + i, column + i) += value;

@@ -1,10 +1,10 @@
 #include "agent/imu/inertial_alignment.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
 #include "common/base/concat.h"
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -56,7 +56,8 @@ class Alignment {
         h += increment.d_rotation_d_gyro.transpose() * increment.d_rotation_d_gyro;
         b += increment.d_rotation_d_gyro.transpose() * error;
       }
-      gyro_bias_ += h.ldlt().solve(b);
+      SolveSymmetric(h, b);
+      gyro_bias_ += b;
     }
     Integrate();
   }
@@ -77,12 +78,13 @@ class Alignment {
       row.middleCols<3>(4) = -0.5 * t * t * Eigen::Matrix3d::Identity();
       row.middleCols<3>(7) = -r0 * increment.d_position_d_accel;
       const Eigen::Vector3d value = r0 * increment.position - LeverArm(k) + LeverArm(0);
-      h += row.transpose() * row;
-      b += row.transpose() * value;
+      AddTransposedProduct(1, row, row, h);
+      AddTransposedProduct(1, row, value, b);
     }
     const double sigma = std::max(options_.position_sigma_of_depth * scene_depth_, 1e-4);
     h.diagonal().tail<3>().array() += Square(sigma / options_.accel_bias_sigma);
-    const Eigen::Matrix<double, 10, 1> x = h.ldlt().solve(b);
+    Eigen::Matrix<double, 10, 1> x = b;
+    SolveSymmetric(h, x);
     const Eigen::Vector3d gravity = x.segment<3>(4);
     if (!x.allFinite() || !(x[0] > 0)) {
       *reason = Concat("the scale comes out as ", x[0]);
@@ -104,10 +106,8 @@ class Alignment {
       Integrate();
       UnknownVector b;
       const double error = BuildNormalEquations(&b);
-      const Eigen::LDLT<UnknownMatrix> ldlt(information_);
-      const UnknownVector x = ldlt.solve(b);
-      if (ldlt.info() != Eigen::Success || !ldlt.isPositive() || !x.allFinite() ||
-          std::abs(x[kLogScale]) > 3) {
+      UnknownVector x = b;
+      if (!SolveSymmetric(information_, x) || !x.allFinite() || std::abs(x[kLogScale]) > 3) {
         *reason = "the fit fails";
         return false;
       }
@@ -135,8 +135,9 @@ class Alignment {
     d.block<3, 3>(1, kAccel) = r0 * last.d_velocity_d_accel;
     d.block<3, 2>(1, kGravity) = last.time_s * model_.gravity_m_s2 * gravity_frame_.leftCols<2>();
     d.block<3, 3>(1, kTurn) = -r0 * Skew(last.velocity);
-    const UnknownMatrix covariance = information_.ldlt().solve(UnknownMatrix::Identity());
-    result.covariance = d * covariance * d.transpose() * std::max(1.0, normalised_error_);
+    UnknownMatrix covariance = UnknownMatrix::Identity();
+    SolveSymmetric(information_, covariance);
+    result.covariance = Congruence(d, covariance) * std::max(1.0, normalised_error_);
     // What the samples' noise and the walk of the biases did meanwhile.
     const double factor = Square(model_.noise_factor) * last.time_s;
     result.covariance.diagonal().segment<3>(1).array() +=
@@ -205,8 +206,8 @@ class Alignment {
   }
 
   double Add(const Row3& row, const Eigen::Vector3d& error, double variance, UnknownVector* b) {
-    information_ += row.transpose() * row / variance;
-    *b -= row.transpose() * error / variance;
+    AddTransposedProduct(1 / variance, row, row, information_);
+    AddTransposedProduct(-1 / variance, row, error, *b);
     return error.squaredNorm() / variance;
   }
 

@@ -1,6 +1,5 @@
 #include "agent/imu/inertial_initializer.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <string>
 #include <unordered_map>
@@ -8,6 +7,7 @@
 
 #include "agent/filter/landmark.h"
 #include "common/base/logging.h"
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -130,7 +130,8 @@ std::optional<Rigid3> RefineCameraPose(const CameraModel& camera, const Rigid3& 
       ++used;
     }
     if (used < min_points) return std::nullopt;
-    const Vector6d step = h.ldlt().solve(b);
+    Vector6d step = b;
+    SolveSymmetric(h, step);
     if (!step.allFinite()) return std::nullopt;
     pose.translation += step.head<3>();
     pose.rotation = (pose.rotation * RotationExp(step.tail<3>())).normalized();

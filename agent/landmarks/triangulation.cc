@@ -1,9 +1,10 @@
 #include "agent/landmarks/triangulation.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/SVD>
 #include <cmath>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -94,7 +95,7 @@ std::optional<double> InverseDepthSigma(const InverseDepthPoint& point,
   // The inverse depth given the free direction: Schur complement.
   const Eigen::Matrix2d h_direction = sum->h.topLeftCorner<2, 2>();
   const Eigen::Vector2d cross = sum->h.topRightCorner<2, 1>();
-  const double information = sum->h(2, 2) - cross.dot(h_direction.llt().solve(cross));
+  const double information = sum->h(2, 2) - cross.dot(h_direction.inverse() * cross);
   if (!(information > 0)) return std::nullopt;
   return sigma_rad / std::sqrt(information);
 }
@@ -109,7 +110,8 @@ std::optional<DepthEstimate> InverseDepthByLevenbergMarquardt(
   for (int i = 0; sum && !converged && i < kMaxIterations && damping < kMaxDamping; ++i) {
     Eigen::Matrix3d h = sum->h;
     h.diagonal() += damping * sum->h.diagonal() + Eigen::Vector3d::Constant(1e-15);
-    const Eigen::Vector3d step = -h.ldlt().solve(sum->g);
+    Eigen::Vector3d step = -sum->g;
+    SolveSymmetric(h, step);
     InverseDepthPoint next = point;
     next.value += step;
     const auto next_sum = Accumulate(next, views);

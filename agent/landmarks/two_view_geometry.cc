@@ -1,11 +1,12 @@
 #include "agent/landmarks/two_view_geometry.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 #include <vector>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -28,7 +29,8 @@ void Refine(std::span<const BearingPair> pairs, double limit_rad, Rigid3* pose) 
       h += row.transpose() * row;
       g += row.transpose() * residual.value / sine;
     }
-    const Eigen::Matrix<double, 5, 1> step = -h.ldlt().solve(g);
+    Eigen::Matrix<double, 5, 1> step = -g;
+    SolveSymmetric(h, step);
     if (!step.allFinite()) return;
     const Eigen::Vector3d turn = step.head<3>();
     pose->rotation = (pose->rotation * RotationExp(turn)).normalized();

@@ -1,9 +1,10 @@
 #include "common/bundle/camera_system.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/CholmodSupport>
 #include <algorithm>
 #include <utility>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 
@@ -78,9 +79,8 @@ void CameraSystem::FillFactorInput() {
 bool CameraSystem::SolveInPlace(Eigen::VectorXd* right) {
   if (cameras_ == 0) return true;
   if (!is_sparse_) {
-    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(dense_);
-    if (factor.info() != Eigen::Success) return false;
-    factor.solveInPlace(*right);
+    if (!FactorCholesky(dense_)) return false;
+    SolveFactored(dense_, *right);
     return right->allFinite();
   }
   FillFactorInput();

@@ -1,8 +1,9 @@
 #include "common/bundle/resection.h"
 
-#include <Eigen/Cholesky>
 #include <array>
 #include <cmath>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -77,9 +78,8 @@ std::optional<Rigid3> Resect(const ResectionOptions& options, const CameraModel&
   CameraReference reference{start, &camera};
   NormalEquations equations = Linearize(options, reference, sights);
   for (int i = 0; i < options.max_iterations; ++i) {
-    const Eigen::LLT<Matrix6d> factor(equations.information);
-    if (factor.info() != Eigen::Success) return std::nullopt;
-    const Vector6d step = factor.solve(-equations.gradient);
+    Vector6d step = -equations.gradient;
+    if (!SolvePositiveDefinite(equations.information, step)) return std::nullopt;
     if (!step.allFinite()) return std::nullopt;
     reference.world_from_camera = reference.Apply(step.data());
     equations = Linearize(options, reference, sights);

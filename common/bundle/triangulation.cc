@@ -1,10 +1,11 @@
 #include "common/bundle/triangulation.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -119,7 +120,8 @@ class Triangulator {
       Eigen::Matrix3d information = Eigen::Vector3d(0, 0, scene_depth_ * scene_depth_).asDiagonal();
       Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
       Accumulate(reference, parameters, &information, &gradient);
-      const Eigen::Vector3d step = information.ldlt().solve(-gradient);
+      Eigen::Vector3d step = -gradient;
+      SolveSymmetric(information, step);
       if (!step.allFinite()) return;
       parameters += step;
       const double cost = best_cost_;

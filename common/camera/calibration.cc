@@ -1,6 +1,5 @@
 #include "common/camera/calibration.h"
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -27,9 +26,8 @@ StatusOr<Rigid3> ToRigid(const std::vector<double>& numbers) {
     return absl::InvalidArgumentError("the last row must be 0 0 0 1");
   }
   const Eigen::Matrix3d given = top.leftCols<3>();
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(given, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Matrix3d rotation = svd.matrixU() * svd.matrixV().transpose();
-  if (!(rotation.determinant() > 0) || !((rotation - given).norm() < kMaxRotationError)) {
+  const Eigen::Matrix3d rotation = NearestRotation(given);
+  if (!((rotation - given).norm() < kMaxRotationError)) {
     return absl::InvalidArgumentError("the 3x3 part is not a rotation");
   }
   return Rigid3{Eigen::Quaterniond(rotation).normalized(), top.col(3)};

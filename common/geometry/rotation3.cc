@@ -1,5 +1,6 @@
 #include "common/geometry/rotation3.h"
 
+#include <Eigen/SVD>
 #include <cmath>
 
 namespace portolan {
@@ -71,6 +72,35 @@ Eigen::Matrix3d RotationRightJacobianInverse(const Eigen::Vector3d& v) {
   }
   const Eigen::Matrix3d skew = Skew(v);
   return Eigen::Matrix3d::Identity() + 0.5 * skew + c * skew * skew;
+}
+
+Eigen::Quaterniond RotationBetween(const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
+  const Eigen::Vector3d a = from.normalized(), b = to.normalized();
+  const double cosine = a.dot(b);
+  Eigen::Quaterniond rotation;
+  if (cosine < -1 + 1e-12) {
+    rotation.w() = 0;
+    rotation.vec() = a.unitOrthogonal();
+    return rotation;
+  }
+  const double twice_w = std::sqrt(2 * (1 + cosine));
+  rotation.w() = 0.5 * twice_w;
+  rotation.vec() = a.cross(b) / twice_w;
+  return rotation;
+}
+
+Eigen::Matrix2d NearestRotation(const Eigen::Matrix2d& m) {
+  const double angle = std::atan2(m(1, 0) - m(0, 1), m(0, 0) + m(1, 1));
+  return Eigen::Rotation2Dd(angle).toRotationMatrix();
+}
+
+Eigen::Matrix3d NearestRotation(const Eigen::Matrix3d& m) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d, Eigen::NoQRPreconditioner> svd(
+      m, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::Matrix3d v = svd.matrixV();
+  Eigen::Matrix3d u = svd.matrixU();
+  if (u.determinant() * v.determinant() < 0) u.col(2) = -u.col(2);
+  return u * v.transpose();
 }
 
 }  // namespace portolan

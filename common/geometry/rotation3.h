@@ -27,6 +27,15 @@ Eigen::Vector3d RotationLog(const Eigen::Quaterniond& q);
 Eigen::Matrix3d RotationRightJacobian(const Eigen::Vector3d& v);
 Eigen::Matrix3d RotationRightJacobianInverse(const Eigen::Vector3d& v);
 
+// The shortest rotation that turns the direction `from` into `to`; some half turn between opposite
+// ones.
+Eigen::Quaterniond RotationBetween(const Eigen::Vector3d& from, const Eigen::Vector3d& to);
+
+// The rotation R that is nearest to m in the Frobenius norm, which has the largest tr(R' m)
+// (Umeyama, "Least-squares estimation of transformation parameters", PAMI 1991, Eq. 40 and 43).
+Eigen::Matrix2d NearestRotation(const Eigen::Matrix2d& m);
+Eigen::Matrix3d NearestRotation(const Eigen::Matrix3d& m);
+
 }  // namespace portolan
 
 #endif  // PORTOLAN_COMMON_GEOMETRY_ROTATION3_H_

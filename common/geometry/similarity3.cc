@@ -1,5 +1,6 @@
 #include "common/geometry/similarity3.h"
 
+#include <Eigen/LU>
 #include <array>
 #include <cmath>
 
@@ -65,7 +66,7 @@ Vector7d Similarity3::Log() const {
   const Eigen::Vector3d angle = RotationLog(rotation);
   const double sigma = std::log(scale);
   Vector7d tangent;
-  tangent << TranslationJacobian(angle, sigma).partialPivLu().solve(translation), angle, sigma;
+  tangent << TranslationJacobian(angle, sigma).inverse() * translation, angle, sigma;
   return tangent;
 }
 

@@ -1,6 +1,5 @@
 #include "common/trajectory/alignment.h"
 
-#include <Eigen/SVD>
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
@@ -70,13 +69,10 @@ SimilarityTransform<dimension> Umeyama(const Eigen::Matrix<double, dimension, Ei
   const Eigen::Matrix<double, dimension, Eigen::Dynamic> q = to.colwise() - to_mean;
   const double from_variance = p.squaredNorm() / count;
   const Matrix covariance = q * p.transpose() / count;  // Eq. 38
-  const Eigen::JacobiSVD<Matrix> svd(covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Vector signs = Vector::Ones();  // Eq. 39, 43: a proper rotation also for a singular covariance
-  if (svd.matrixU().determinant() * svd.matrixV().determinant() < 0) signs(dimension - 1) = -1;
   SimilarityTransform<dimension> result;
-  result.rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();  // Eq. 40
+  result.rotation = NearestRotation(covariance);  // Eq. 40
   if (with_scale && from_variance > 0) {
-    result.scale = svd.singularValues().dot(signs) / from_variance;  // Eq. 42
+    result.scale = result.rotation.cwiseProduct(covariance).sum() / from_variance;  // Eq. 42
   }
   result.translation = to_mean - result.scale * result.rotation * from_mean;  // Eq. 41
   result.mean_squared_error = (q - result.scale * result.rotation * p).squaredNorm() / count;

@@ -8,7 +8,7 @@
 #include <numeric>
 #include <utility>
 
-#include "server/alignment/positive_definite.h"
+#include "common/linear_algebra/dense.h"
 #include "server/pose_graph/chordal_initialization.h"
 
 namespace portolan {
@@ -66,7 +66,7 @@ class Chains {
     const Matrix7d spread = spread_[b].trace() >= spread_[a].trace() ? spread_[b] - spread_[a]
                                                                      : spread_[a] - spread_[b];
     return UncertainSimilarity{chain_from_node_[a].Inverse() * chain_from_node_[b],
-                               adjoint * spread * adjoint.transpose()};
+                               Congruence(adjoint, spread)};
   }
 
  private:
@@ -80,7 +80,7 @@ class Chains {
     // The link's covariance belongs to a right perturbation at b.
     const Matrix7d adjoint = chain_from_node_[link.b].Adjoint();
     spread_[next] =
-        spread_[node] + adjoint * InverseOfPositiveDefinite(link.information) * adjoint.transpose();
+        spread_[node] + Congruence(adjoint, InverseOfPositiveDefinite(link.information));
     front->push_back(next);
   }
 

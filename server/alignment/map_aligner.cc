@@ -1,11 +1,10 @@
 #include "server/alignment/map_aligner.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "server/alignment/positive_definite.h"
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 Status MapAlignerOptions::Validate() const {

@@ -1,8 +1,8 @@
 // The map aligner's work in large components: everything is bounded to a region.
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <utility>
 
+#include "common/linear_algebra/dense.h"
 #include "server/alignment/map_aligner.h"
 
 namespace portolan {
@@ -19,10 +19,6 @@ constexpr double kRestlessMovement = 1e-3;
 
 // Relative decrease of a region's cost under which it has converged.
 constexpr double kMinRegionDecrease = 1e-2;
-
-Matrix7d InformationOf(const Matrix7d& covariance) {
-  return covariance.llt().solve(Matrix7d::Identity());
-}
 
 // Of a submap to a new place, relative to its own size.
 double Movement(const ModelSubmap& submap, const Similarity3& world_from_submap) {
@@ -44,7 +40,7 @@ double Chi2Of(const Relation& relation, const RelationGraph& graph) {
 double MapAligner::Disagreement(const Closure& closure) const {
   const Vector7d error = RelationError(closure.a_from_b, model_.submap(closure.a).world_from_submap,
                                        model_.submap(closure.b).world_from_submap);
-  return error.dot(relations_.FlooredCovariance(model_, closure).llt().solve(error));
+  return NormalisedSquare(error, relations_.FlooredCovariance(model_, closure));
 }
 
 std::optional<double> MapAligner::DisagreementAlongChain(const Closure& closure) const {
@@ -53,7 +49,7 @@ std::optional<double> MapAligner::DisagreementAlongChain(const Closure& closure)
   const Vector7d error = RelationError(closure.a_from_b, model_.submap(closure.a).world_from_submap,
                                        model_.submap(closure.b).world_from_submap);
   const Matrix7d covariance = chain->covariance + relations_.FlooredCovariance(model_, closure);
-  return error.dot(covariance.llt().solve(error));
+  return NormalisedSquare(error, covariance);
 }
 
 // The strongest first: once it has put the submap right, the others mostly agree.
@@ -114,7 +110,7 @@ MapAligner::RegionOutcome MapAligner::SolveRegion(const Closure& closure,
     for (const size_t i : relations_.ClosuresOf(id)) {
       const Closure& other = closures()[i];
       if (other.b == id && nodes.contains(other.a)) {
-        add(other.a, id, InformationOf(relations_.CovarianceOf(i)));
+        add(other.a, id, InverseOfPositiveDefinite(relations_.CovarianceOf(i)));
       }
     }
     for (const SubmapId neighbour : relations_.NeighbourNames(model_, id)) {
@@ -126,8 +122,9 @@ MapAligner::RegionOutcome MapAligner::SolveRegion(const Closure& closure,
   if (!has_rim) graph.fixed[nodes.at(*std::min_element(region.begin(), region.end()))] = true;
   const bool is_largest =
       !has_rim || region.size() >= static_cast<size_t>(options_.max_loop_region_submaps);
-  graph.relations.push_back({nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
-                             InformationOf(relations_.FlooredCovariance(model_, closure)), false});
+  graph.relations.push_back(
+      {nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
+       InverseOfPositiveDefinite(relations_.FlooredCovariance(model_, closure)), false});
   // The adjustments that follow do the rest.
   RelationGraphOptions coarse = options_.graph;
   coarse.min_decrease = kMinRegionDecrease;

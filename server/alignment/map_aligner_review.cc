@@ -5,8 +5,8 @@
 #include <set>
 #include <vector>
 
+#include "common/linear_algebra/dense.h"
 #include "server/alignment/map_aligner.h"
-#include "server/alignment/positive_definite.h"
 
 namespace portolan {
 void MapAligner::SettleWaiting() {

@@ -1,6 +1,6 @@
 #include "server/alignment/map_relaxation.h"
 
-#include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -211,7 +211,7 @@ class Relaxation {
     });
     const double sigma = options_.distance_prior_relative * nearest;
     information.diagonal().array() += 1.0 / std::max(sigma * sigma, 1e-18);
-    linear->inverse_information = information.llt().solve(Eigen::Matrix3d::Identity());
+    linear->inverse_information = information.inverse();
   }
 
   // Adds the landmark's Schur complement.

@@ -127,8 +127,7 @@ Similarity3 MetricFromWorld(const MetricFrameOptions& options, const MapModel& m
     result.scale = std::exp(*log_scale);
   }
   if (const auto gravity = MeanGravity(model, submaps)) {
-    const Eigen::Quaterniond turn =
-        Eigen::Quaterniond::FromTwoVectors(*gravity, -Eigen::Vector3d::UnitZ());
+    const Eigen::Quaterniond turn = RotationBetween(*gravity, -Eigen::Vector3d::UnitZ());
     if (RotationLog(turn).norm() > options.min_rotation_step_rad) result.rotation = turn;
   }
   return result;

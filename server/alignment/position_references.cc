@@ -1,6 +1,5 @@
 #include "server/alignment/position_references.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -8,6 +7,7 @@
 #include <utility>
 
 #include "common/base/concat.h"
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -161,7 +161,7 @@ std::optional<PositionTerm> TermOfPass(const PositionReferenceOptions& options,
   term.keyframe = middle.keyframe;
   term.time = model.submap(middle.submap).refined->raw->keyframes[middle.keyframe].time;
   term.point.in_world = triangulated->point_in_world;
-  term.point.world_covariance = information.llt().solve(Eigen::Matrix3d::Identity());
+  term.point.world_covariance = InverseOfPositiveDefinite(information);
   if (!term.point.world_covariance.allFinite()) return std::nullopt;
   return term;
 }

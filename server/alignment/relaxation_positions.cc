@@ -1,7 +1,8 @@
 #include "server/alignment/relaxation_positions.h"
 
-#include <Eigen/Cholesky>
 #include <cmath>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 
@@ -13,7 +14,7 @@ void RelaxationPositions::Add(int body, const RelaxationBody& element, const Pos
   added.place = term.point.in_world;
   added.target = term.point.in_site;
   const Eigen::Matrix3d covariance = term.point.site_covariance + term.point.world_covariance;
-  added.information = covariance.llt().solve(Eigen::Matrix3d::Identity());
+  added.information = InverseOfPositiveDefinite(covariance);
   added.share = term.point.share;
   elements_.push_back(added);
 }

@@ -1,10 +1,11 @@
 #include "server/alignment/submap_joining.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <cmath>
 #include <map>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -94,11 +95,11 @@ class Joiner {
             3 * shared[a].place, 3 * shared[b].place);
       }
     }
-    const Eigen::LLT<Eigen::MatrixXd> factor(marginal);
-    if (size > 0 && factor.info() != Eigen::Success) {
+    Eigen::MatrixXd information = Eigen::MatrixXd::Identity(size, size);
+    if (size > 0 && !SolvePositiveDefinite(marginal, information)) {
       return absl::InvalidArgumentError("submap joining: a covariance is not positive definite");
     }
-    information_.push_back(factor.solve(Eigen::MatrixXd::Identity(size, size)));
+    information_.push_back(std::move(information));
     return absl::OkStatus();
   }
 
@@ -151,9 +152,9 @@ class Joiner {
     for (size_t i = 0; i < submaps_.size(); ++i) {
       std::vector<int> columns;
       const Eigen::MatrixXd jacobian = Jacobian(i, &columns);
-      const Eigen::MatrixXd weighted = jacobian.transpose() * information_[i];
-      const Eigen::MatrixXd block = weighted * jacobian;
-      const Eigen::VectorXd part = weighted * Error(i);
+      const Eigen::MatrixXd weighted = TransposedProduct(jacobian, information_[i]);
+      const Eigen::MatrixXd block = Product(weighted, jacobian);
+      const Eigen::VectorXd part = Product(weighted, Error(i));
       for (size_t r = 0; r < columns.size(); ++r) {
         gradient_[columns[r]] += part[static_cast<Eigen::Index>(r)];
         for (size_t c = 0; c < columns.size(); ++c) {

@@ -1,10 +1,10 @@
 #include "server/alignment/submap_link.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
+#include "common/linear_algebra/dense.h"
 #include "server/refinement/submap_refiner.h"
 
 namespace portolan {
@@ -112,7 +112,7 @@ SubmapRelation LinkToPredecessor(const SubmapLinkOptions& options, const Refined
   covariance.topRows<3>() /= link.a_from_b.scale;
   covariance.leftCols<3>() /= link.a_from_b.scale;
   covariance(6, 6) = scale.sigma * scale.sigma;
-  link.information = covariance.llt().solve(Matrix7d::Identity());
+  link.information = InverseOfPositiveDefinite(covariance);
   return link;
 }
 

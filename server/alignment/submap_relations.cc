@@ -1,9 +1,10 @@
 #include "server/alignment/submap_relations.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <deque>
 #include <utility>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -18,21 +19,16 @@ double MedianRange(const RefinedSubmap& submap) {
   return ranges[ranges.size() / 2];
 }
 
-Matrix7d InverseOf(const Matrix7d& positive_definite) {
-  const Matrix7d inverse = positive_definite.llt().solve(Matrix7d::Identity());
-  return 0.5 * (inverse + inverse.transpose());
-}
-
 // Covariance of the right perturbation of the inverse of `transform`.
 Matrix7d CovarianceOfInverse(const Similarity3& transform, const Matrix7d& covariance) {
   const Matrix7d adjoint = transform.Adjoint();
-  return adjoint * covariance * adjoint.transpose();
+  return Congruence(adjoint, covariance);
 }
 
 // Of the chain that goes on from one submap to its neighbour.
 Matrix7d Continued(const Matrix7d& covariance, const SubmapRelations::Neighbour& neighbour) {
   const Matrix7d adjoint = neighbour.from_neighbour.Inverse().Adjoint();
-  return adjoint * covariance * adjoint.transpose() + neighbour.covariance;
+  return Congruence(adjoint, covariance) + neighbour.covariance;
 }
 
 }  // namespace
@@ -52,7 +48,7 @@ const std::vector<size_t>& SubmapRelations::ClosuresOf(SubmapId id) const {
 }
 
 Matrix7d SubmapRelations::FlooredCovariance(const MapModel& model, const Closure& closure) const {
-  Matrix7d covariance = InverseOf(closure.information);
+  Matrix7d covariance = InverseOfPositiveDefinite(closure.information);
   const double translation =
       options_.closure_translation_floor_of_depth * MedianRange(*model.submap(closure.b).refined);
   covariance.diagonal().head<3>().array() += translation * translation;
@@ -150,9 +146,10 @@ std::vector<SubmapRelations::Neighbour> SubmapRelations::NeighboursOf(const MapM
       neighbours.push_back({a, from_a, CovarianceOfInverse(from_a.Inverse(), covariance)});
     }
   };
-  if (submap.link) add(submap.link->a, id, InverseOf(submap.link->information));
+  if (submap.link) add(submap.link->a, id, InverseOfPositiveDefinite(submap.link->information));
   if (submap.successor) {
-    add(id, *submap.successor, InverseOf(model.submap(*submap.successor).link->information));
+    add(id, *submap.successor,
+        InverseOfPositiveDefinite(model.submap(*submap.successor).link->information));
   }
   for (const size_t i : ClosuresOf(id)) add(closures_[i].a, closures_[i].b, covariances_[i]);
   return neighbours;

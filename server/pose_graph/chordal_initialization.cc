@@ -1,9 +1,10 @@
 #include "server/pose_graph/chordal_initialization.h"
 
-#include <Eigen/Dense>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
-#include <limits>
+#include <cmath>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -41,8 +42,8 @@ Status SolveLinear(const std::vector<LinearEdge>& edges, const std::vector<int>&
     const Eigen::MatrixXd& m = edge.m;
     const double w = edge.weight;
     if (a >= 0) {
-      add(a, a, w * m.transpose() * m);
-      rhs.middleRows(a, block_rows) -= w * m.transpose() * edge.d;
+      add(a, a, w * TransposedProduct(m, m));
+      AddTransposedProduct(-w, m, edge.d, rhs.middleRows(a, block_rows));
     }
     if (b >= 0) {
       add(b, b, w * Eigen::MatrixXd::Identity(block_rows, block_rows));
@@ -55,9 +56,10 @@ Status SolveLinear(const std::vector<LinearEdge>& edges, const std::vector<int>&
         add(a, b, -w * m.transpose());
       }
     } else if (a >= 0) {
-      rhs.middleRows(a, block_rows) += w * m.transpose() * blocks[static_cast<size_t>(edge.b)];
+      AddTransposedProduct(w, m, blocks[static_cast<size_t>(edge.b)],
+                           rhs.middleRows(a, block_rows));
     } else if (b >= 0) {
-      rhs.middleRows(b, block_rows) += w * m * blocks[static_cast<size_t>(edge.a)];
+      AddProduct(w, m, blocks[static_cast<size_t>(edge.a)], rhs.middleRows(b, block_rows));
     }
   }
   Eigen::SparseMatrix<double> normal(rhs.rows(), rhs.rows());
@@ -73,12 +75,9 @@ Status SolveLinear(const std::vector<LinearEdge>& edges, const std::vector<int>&
   return absl::OkStatus();
 }
 
-// Nearest rotation in the Frobenius norm.
 Eigen::MatrixXd ProjectToRotation(const Eigen::MatrixXd& m) {
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::VectorXd sign = Eigen::VectorXd::Ones(m.rows());
-  sign[m.rows() - 1] = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
-  return svd.matrixU() * sign.asDiagonal() * svd.matrixV().transpose();
+  if (m.rows() == 2) return NearestRotation(Eigen::Matrix2d(m));
+  return NearestRotation(Eigen::Matrix3d(m));
 }
 
 // A dimension-independent edge and pose.
@@ -105,7 +104,7 @@ Status Initialize(const std::vector<MatrixEdge>& edges, const std::vector<int>& 
   // t_b - t_a = R_a t_ab; one unknown row of `dimension` columns a node.
   linear.clear();
   for (const MatrixEdge& edge : edges) {
-    const Eigen::VectorXd step = rotations[static_cast<size_t>(edge.a)] * edge.translation;
+    const Eigen::MatrixXd step = Product(rotations[static_cast<size_t>(edge.a)], edge.translation);
     linear.push_back(
         {edge.a, edge.b, Eigen::MatrixXd::Ones(1, 1), step.transpose(), edge.translation_weight});
   }

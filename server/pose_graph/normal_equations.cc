@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "common/linear_algebra/dense.h"
+
 namespace portolan {
 
 class NormalEquations::Impl {
@@ -39,18 +41,18 @@ class NormalEquations::Impl {
     const auto [a, b] = pairs_[edge];
     const Places& places = places_[edge];
     if (a >= 0) {
-      gradient_.segment(a * size_, size_) += d_a.transpose() * residuals;
-      AddBlock(a, places.aa, d_a.transpose() * d_a, true);
+      AddTransposedProduct(1, d_a, residuals, gradient_.segment(a * size_, size_));
+      AddBlock(a, places.aa, TransposedProduct(d_a, d_a), true);
     }
     if (b >= 0) {
-      gradient_.segment(b * size_, size_) += d_b.transpose() * residuals;
-      AddBlock(b, places.bb, d_b.transpose() * d_b, true);
+      AddTransposedProduct(1, d_b, residuals, gradient_.segment(b * size_, size_));
+      AddBlock(b, places.bb, TransposedProduct(d_b, d_b), true);
     }
     if (a < 0 || b < 0) return;
     if (a > b) {
-      AddBlock(b, places.ab, d_a.transpose() * d_b, false);
+      AddBlock(b, places.ab, TransposedProduct(d_a, d_b), false);
     } else {
-      AddBlock(a, places.ab, d_b.transpose() * d_a, false);
+      AddBlock(a, places.ab, TransposedProduct(d_b, d_a), false);
     }
   }
 

@@ -2,7 +2,6 @@
 
 #include <ceres/ceres.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -14,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/linear_algebra/dense.h"
 #include "server/pose_graph/chordal_initialization.h"
 #include "server/pose_graph/normal_equations.h"
 #include "server/pose_graph/pose_errors.h"
@@ -24,9 +24,8 @@ namespace {
 // Square root W of the information, W'W = information; semi-definite is allowed.
 template <int N>
 Eigen::Matrix<double, N, N> SquareRoot(const Eigen::Matrix<double, N, N>& information) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, N, N>> eigen(information);
-  return eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() *
-         eigen.eigenvectors().transpose();
+  const SymmetricEigen eigen = DecomposeSymmetric(information);
+  return eigen.values.cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.vectors.transpose();
 }
 
 struct Cost3 {
@@ -103,10 +102,9 @@ Status CheckGraph(const Graph& graph) {
     if (edge.a < 0 || edge.a >= nodes || edge.b < 0 || edge.b >= nodes || edge.a == edge.b) {
       return absl::InvalidArgumentError("pose graph: an edge does not join two of the nodes");
     }
-    using Information = std::decay_t<decltype(edge.information)>;
-    const Eigen::SelfAdjointEigenSolver<Information> eigen(edge.information);
+    const Eigen::VectorXd eigenvalues = DecomposeSymmetric(edge.information).values;
     if (!edge.information.allFinite() ||
-        eigen.eigenvalues()[0] < -1e-9 * std::abs(eigen.eigenvalues().maxCoeff())) {
+        eigenvalues[0] < -1e-9 * std::abs(eigenvalues.maxCoeff())) {
       return absl::InvalidArgumentError("pose graph: the information matrix of the edge from " +
                                         std::to_string(graph.ids[static_cast<size_t>(edge.a)]) +
                                         " to " +

@@ -1,9 +1,9 @@
 #include "server/refinement/bundle_covariance.h"
 
-#include <Eigen/Cholesky>
 #include <array>
 #include <cmath>
 
+#include "common/linear_algebra/dense.h"
 #include "server/refinement/bundle_costs.h"
 
 namespace portolan {
@@ -30,10 +30,8 @@ class BundleCovarianceBuilder {
     if (rows_ > 0) {
       AddDistances();
       HoldScale();
-      const Eigen::LDLT<Eigen::MatrixXd> factor(reduced_);
-      const Eigen::VectorXd diagonal = factor.vectorD();
-      if (factor.info() != Eigen::Success || !(diagonal.minCoeff() > 0)) return std::nullopt;
-      result_.camera_covariance_ = factor.solve(Eigen::MatrixXd::Identity(rows_, rows_));
+      result_.camera_covariance_ = Eigen::MatrixXd::Identity(rows_, rows_);
+      if (!SolvePositiveDefinite(reduced_, result_.camera_covariance_)) return std::nullopt;
       if (!result_.camera_covariance_.allFinite()) return std::nullopt;
     }
     return std::move(result_);

@@ -1,6 +1,5 @@
 #include "server/verification/guided_matcher.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <tuple>

@@ -1,31 +1,32 @@
 #include "server/verification/pairwise_consistency.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <tuple>
 #include <utility>
 
+#include "common/linear_algebra/dense.h"
+
 namespace portolan {
 namespace {
 
 std::optional<UncertainSimilarity> RelationOf(const Closure& closure) {
-  const Eigen::LLT<Matrix7d> factor(closure.information);
-  if (factor.info() != Eigen::Success) return std::nullopt;
-  return UncertainSimilarity{closure.a_from_b, factor.solve(Matrix7d::Identity())};
+  Matrix7d covariance = Matrix7d::Identity();
+  if (!SolvePositiveDefinite(closure.information, covariance)) return std::nullopt;
+  return UncertainSimilarity{closure.a_from_b, covariance};
 }
 
 // (S Exp(d))^-1 = S^-1 Exp(-Ad_S d).
 UncertainSimilarity Inverse(const UncertainSimilarity& relation) {
   const Matrix7d adjoint = relation.a_from_b.Adjoint();
-  return {relation.a_from_b.Inverse(), adjoint * relation.covariance * adjoint.transpose()};
+  return {relation.a_from_b.Inverse(), Congruence(adjoint, relation.covariance)};
 }
 
 // S Exp(d) T Exp(e) = S T Exp(Ad_T^-1 d) Exp(e), d and e independent.
 UncertainSimilarity Compose(const UncertainSimilarity& first, const UncertainSimilarity& second) {
   const Matrix7d adjoint = second.a_from_b.Inverse().Adjoint();
   return {first.a_from_b * second.a_from_b,
-          adjoint * first.covariance * adjoint.transpose() + second.covariance};
+          Congruence(adjoint, first.covariance) + second.covariance};
 }
 
 Matrix7d FloorCovariance(double length, const PairwiseConsistencyOptions& options) {
@@ -58,9 +59,7 @@ std::optional<double> OrientedLoop(const UncertainSimilarity& first,
   const Vector7d error = loop.a_from_b.Log();
   const Matrix7d covariance =
       loop.covariance + FloorCovariance(LengthOf(first, *b1_from_b2, second, *a1_from_a2), options);
-  const Eigen::LDLT<Matrix7d> factor(covariance);
-  if (factor.info() != Eigen::Success || !factor.isPositive()) return std::nullopt;
-  const double distance = error.dot(factor.solve(error));
+  const double distance = NormalisedSquare(error, covariance);
   if (!std::isfinite(distance)) return std::nullopt;
   return distance;
 }

@@ -1,9 +1,10 @@
 #include "server/verification/similarity_refinement.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+
+#include "common/linear_algebra/dense.h"
 
 namespace portolan {
 namespace {
@@ -227,7 +228,8 @@ Problem::Normal Descend(const Problem& problem, int max_iterations, double toler
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
     Matrix7d damped = normal.hessian;
     damped.diagonal() += damping * normal.hessian.diagonal() + Vector7d::Constant(1e-12);
-    const Vector7d step = -damped.ldlt().solve(normal.gradient);
+    Vector7d step = -normal.gradient;
+    SolveSymmetric(damped, step);
     if (!step.allFinite()) break;
     const Similarity3 candidate = *a_from_b * Similarity3::Exp(step);
     const Problem::Normal next = problem.Linearise(candidate);

@@ -1,8 +1,11 @@
 #include "server/verification/three_point_pose.h"
 
-#include <Eigen/Dense>
+#include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <complex>
+#include <numbers>
 
 namespace portolan {
 namespace {
@@ -49,18 +52,38 @@ Eigen::Matrix<double, 5, 1> GrunertQuartic(const Triangle& t) {
   return q;
 }
 
-// Positive real roots by the companion matrix; nearly double ones may be complex by rounding, so
-// a small imaginary part is dropped.
+// All roots of x^4 + c[3] x^3 + c[2] x^2 + c[1] x + c[0] at once (Weierstrass's iteration, Kerner,
+// Numer. Math. 8, 1966): quadratic convergence, linear to multiple roots.
+std::array<std::complex<double>, 4> QuarticRoots(const Eigen::Vector4d& c) {
+  constexpr int kMostIterations = 60;
+  constexpr double kPrecision = 1e-14;
+  double radius = 0;  // no root is beyond twice this
+  for (int i = 0; i < 4; ++i) radius = std::max(radius, std::pow(std::abs(c[i]), 1.0 / (4 - i)));
+  std::array<std::complex<double>, 4> roots;
+  for (int i = 0; i < 4; ++i) roots[i] = std::polar(radius, 0.4 + i * 0.5 * std::numbers::pi);
+  double largest_step = radius;
+  for (int k = 0; k < kMostIterations && largest_step > kPrecision * radius; ++k) {
+    largest_step = 0;
+    for (std::complex<double>& x : roots) {
+      std::complex<double> others = 1;
+      for (const std::complex<double>& other : roots) {
+        if (&other != &x) others *= x - other;
+      }
+      if (others == 0.0) continue;
+      const std::complex<double> step = ((((x + c[3]) * x + c[2]) * x + c[1]) * x + c[0]) / others;
+      x -= step;
+      largest_step = std::max(largest_step, std::abs(step));
+    }
+  }
+  return roots;
+}
+
+// Positive real roots; nearly double ones may be complex by rounding, so a small imaginary part is
+// dropped.
 std::vector<double> PositiveRoots(const Eigen::Matrix<double, 5, 1>& q) {
   if (!q.allFinite() || std::abs(q[4]) < 1e-12 * q.cwiseAbs().maxCoeff()) return {};
-  Eigen::Matrix4d companion = Eigen::Matrix4d::Zero();
-  companion.diagonal<-1>().setOnes();
-  companion.col(3) = -q.head<4>() / q[4];
-  const Eigen::EigenSolver<Eigen::Matrix4d> solver(companion, false);
-  if (solver.info() != Eigen::Success) return {};
   std::vector<double> roots;
-  for (int i = 0; i < 4; ++i) {
-    const auto root = solver.eigenvalues()[i];
+  for (const std::complex<double>& root : QuarticRoots(q.head<4>() / q[4])) {
     if (root.real() > 0 && std::abs(root.imag()) < 1e-4 * std::abs(root)) {
       roots.push_back(root.real());
     }
@@ -94,7 +117,7 @@ bool PolishDepths(const Triangle& t, Eigen::Vector3d* depths) {
       jacobian(i, k) = 2 * (dk - dj * t.cosines[i]);
     }
     if (iteration == 3) break;
-    const Eigen::Vector3d step = jacobian.partialPivLu().solve(residual);
+    const Eigen::Vector3d step = jacobian.inverse() * residual;
     if (!step.allFinite()) return false;
     *depths -= step;
   }
@@ -136,14 +159,20 @@ std::vector<Rigid3> SolveThreePointPose(const ThreePoints& points_in_world,
 std::optional<Similarity3> AlignThreePoints(const ThreePoints& points_in_a,
                                             const ThreePoints& points_in_b, bool fixed_scale) {
   if (IsLine(points_in_a) || IsLine(points_in_b)) return std::nullopt;
-  const Eigen::Matrix4d matrix = Eigen::umeyama(points_in_b, points_in_a, !fixed_scale);
-  if (!matrix.allFinite()) return std::nullopt;
+  // Umeyama, PAMI 1991, Eq. 38 to 42.
+  const Eigen::Vector3d mean_a = points_in_a.rowwise().mean(),
+                        mean_b = points_in_b.rowwise().mean();
+  const Eigen::Matrix3d centred_b = points_in_b.colwise() - mean_b;
+  const Eigen::Matrix3d covariance = (points_in_a.colwise() - mean_a) * centred_b.transpose();
+  if (!covariance.allFinite()) return std::nullopt;
+  const Eigen::Matrix3d rotation = NearestRotation(covariance);
   Similarity3 a_from_b;
-  a_from_b.scale = fixed_scale ? 1.0 : std::cbrt(matrix.topLeftCorner<3, 3>().determinant());
+  if (!fixed_scale) {
+    a_from_b.scale = rotation.cwiseProduct(covariance).sum() / centred_b.squaredNorm();
+  }
   if (!(a_from_b.scale > 1e-9)) return std::nullopt;
-  const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>() / a_from_b.scale;
   a_from_b.rotation = Eigen::Quaterniond(rotation).normalized();
-  a_from_b.translation = matrix.topRightCorner<3, 1>();
+  a_from_b.translation = mean_a - a_from_b.scale * (rotation * mean_b);
   return a_from_b;
 }
 

@@ -1,6 +1,5 @@
 #include "server/verification/verifier.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -8,6 +7,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "common/linear_algebra/dense.h"
 #include "server/verification/similarity_refinement.h"
 
 namespace portolan {
@@ -176,9 +176,8 @@ class Verification {
       mean += 0.5 * chi_squared / static_cast<double>(refined_.chi_squared.size());
     }
     information_ = refined_.information / std::max(1.0, mean);
-    const Eigen::LLT<Matrix7d> factor(information_);
-    if (factor.info() != Eigen::Success) return Refuse("ill-conditioned");
-    const Matrix7d covariance = factor.solve(Matrix7d::Identity());
+    Matrix7d covariance = Matrix7d::Identity();
+    if (!SolvePositiveDefinite(information_, covariance)) return Refuse("ill-conditioned");
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> translation(
         covariance.topLeftCorner<3, 3>(), Eigen::EigenvaluesOnly);
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(covariance.block<3, 3>(3, 3),

@@ -42,20 +42,12 @@ MATCHER_P(StatusIs, code, "has the given code") {
   return GetStatus(arg).code() == code;
 }
 
+bool IsNearMatrix(const Eigen::MatrixXd& actual, const Eigen::MatrixXd& expected, double tolerance,
+                  ::testing::MatchResultListener* listener);
+
 // Largest absolute difference of an entry at most `tolerance`; NaN never matches.
 MATCHER_P2(NearMatrix, expected, tolerance, "is near the matrix") {
-  const Eigen::MatrixXd actual_value = arg, expected_value = expected;
-  if (actual_value.rows() != expected_value.rows() ||
-      actual_value.cols() != expected_value.cols()) {
-    *result_listener << "size " << actual_value.rows() << "x" << actual_value.cols();
-    return false;
-  }
-  if (actual_value.size() == 0) return true;
-  const double difference = (actual_value - expected_value).cwiseAbs().maxCoeff();
-  *result_listener << "largest difference " << difference << ", actual\n"
-                   << actual_value << "\nexpected\n"
-                   << expected_value;
-  return difference <= tolerance && (actual_value - expected_value).allFinite();
+  return IsNearMatrix(arg, expected, tolerance, result_listener);
 }
 
 // Angle in radians and distance in length units both at most `tolerance`.

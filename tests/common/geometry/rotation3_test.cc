@@ -59,5 +59,40 @@ INSTANTIATE_TEST_SUITE_P(Angles, RightJacobianTest,
                          testing::Values(0.0, 1e-9, 1e-4, 0.00999, 0.01001, 0.3, 1.5, 3.0, 3.141592,
                                          4.5));
 
+TEST(Rotation3, RotationBetweenTurnsTheShortestWay) {
+  const Vector3d from(1, 2, -2), to(0.3, -0.1, 0.2);
+  const Eigen::Quaterniond rotation = RotationBetween(from, to);
+  EXPECT_THAT(rotation * from.normalized(), NearMatrix(to.normalized(), 1e-15));
+  const double angle = std::acos(from.normalized().dot(to.normalized()));
+  EXPECT_NEAR(RotationLog(rotation).norm(), angle, 1e-14);
+  EXPECT_THAT(RotationBetween(from, 2 * from) * from, NearMatrix(from, 1e-15));
+}
+
+TEST(Rotation3, RotationBetweenOppositeDirectionsIsAHalfTurn) {
+  for (const Vector3d& axis : {Vector3d(0, 0, 1), Vector3d(1, 0, 0), Vector3d(1, 2, -2)}) {
+    const Eigen::Quaterniond rotation = RotationBetween(axis, -axis);
+    EXPECT_THAT(rotation * axis, NearMatrix(-axis, 1e-14));
+    EXPECT_NEAR(rotation.norm(), 1, 1e-15);
+  }
+}
+
+TEST(Rotation3, NearestRotationFindsAScaledAndStretchedOne) {
+  const Eigen::Matrix3d rotation = RotationExp(Vector3d(0.3, -2, 0.9)).toRotationMatrix();
+  const Eigen::Matrix3d stretch = Vector3d(3, 1, 0.5).asDiagonal();
+  EXPECT_THAT(NearestRotation(Eigen::Matrix3d(rotation * stretch)), NearMatrix(rotation, 1e-14));
+  const Eigen::Matrix2d plane = Eigen::Rotation2Dd(2.5).toRotationMatrix();
+  const Eigen::Matrix2d plane_stretch = Eigen::Vector2d(3, 0.5).asDiagonal();
+  EXPECT_THAT(NearestRotation(Eigen::Matrix2d(plane * plane_stretch)), NearMatrix(plane, 1e-14));
+}
+
+TEST(Rotation3, NearestRotationIsNeverAReflection) {
+  // Rank two, and a reflection: the direction of the least weight turns round.
+  const Eigen::Matrix3d rotation = RotationExp(Vector3d(0.3, -2, 0.9)).toRotationMatrix();
+  for (const Vector3d& weights : {Vector3d(2, 1, 0), Vector3d(2, 1, -0.5)}) {
+    const Eigen::Matrix3d stretch = weights.asDiagonal();
+    EXPECT_THAT(NearestRotation(Eigen::Matrix3d(rotation * stretch)), NearMatrix(rotation, 1e-14));
+  }
+}
+
 }  // namespace
 }  // namespace portolan
