@@ -78,7 +78,7 @@ void CorrectionDispatcher::Run() {
       if (signal_->stop) return;
       signal_->raised = false;
     }
-    some_wait = ServeAll(hub_->Get());
+    some_wait = ServeAll();
   }
 }
 
@@ -118,12 +118,15 @@ std::set<CorrectionDispatcher::Key> CorrectionDispatcher::Follow(
   return changed;
 }
 
-bool CorrectionDispatcher::ServeAll(std::shared_ptr<const MapSnapshot> snapshot) {
-  const std::set<Key> changed = Follow(snapshot);
+bool CorrectionDispatcher::ServeAll() {
+  std::shared_ptr<const MapSnapshot> snapshot;
   bool some_wait = false;
   std::vector<Delivery> deliveries;
   {
     const std::lock_guard lock(mutex_);
+    // Taken under the lock, so that no flush is answered from a map that is older than its call.
+    snapshot = hub_->Get();
+    const std::set<Key> changed = Follow(snapshot);
     for (auto& [key, session] : sessions_) {
       session.is_dirty = session.is_dirty || changed.contains(key);
       if (!session.is_dirty && session.flushes.empty()) continue;

@@ -74,7 +74,7 @@ class CorrectionDispatcher {
 
   void Run();
   // One round over all sessions; true if some wait for their budget.
-  bool ServeAll(std::shared_ptr<const MapSnapshot> snapshot);
+  bool ServeAll();
   // Brings states_ to this version; returns the sessions that changed. What did not change costs
   // the comparison of a pointer.
   std::set<Key> Follow(std::shared_ptr<const MapSnapshot> snapshot);
