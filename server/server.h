@@ -24,7 +24,7 @@ struct ServerOptions {
   std::string map_file;
   // host:port; port 0 takes a free one. Loopback unless the operator says otherwise, as the
   // protocol is neither encrypted nor authenticated.
-  std::string listen = "127.0.0.1:7070";
+  std::string listen = "127.0.0.1:50800";
   // Drops everything derived and builds the map anew from the raw submaps.
   bool rebuild = false;
   IngestOptions ingest;

@@ -24,7 +24,7 @@ inline constexpr int kExitUsage = 2;
 
 // Options that all commands that talk to a server share.
 struct ClientOptions {
-  std::string server = "127.0.0.1:7070";
+  std::string server = "127.0.0.1:50800";
   double timeout_s = 30;
   bool json = false;
 
