@@ -128,18 +128,16 @@ class Refinement {
   // may settle in the wrong one, and descent does not leave it.
   bool StartReversed() {
     const double inverse_depth = 1.0 / MedianDepth(problem_);
-    for (BundleCamera& camera : problem_.cameras) {
-      if (camera.fixed) continue;
-      Eigen::Vector3d& t = camera.world_from_camera.translation;
+    std::vector<Rigid3> poses;
+    for (const BundleCamera& camera : problem_.cameras) {
+      Rigid3 pose = camera.world_from_camera;
+      Eigen::Vector3d& t = pose.translation;
       const Eigen::Vector3d turn = 2 * inverse_depth * Eigen::Vector3d(-t.y(), t.x(), 0);
-      camera.world_from_camera.rotation =
-          (RotationExp(turn) * camera.world_from_camera.rotation).normalized();
+      pose.rotation = (RotationExp(turn) * pose.rotation).normalized();
       t.head<2>() = -t.head<2>();
-      camera.prior = PositionPrior{t, options_.position_prior_max_of_depth * scene_depth_};
+      poses.push_back(pose);
     }
-    for (BundleObservation& observation : problem_.observations) observation.inlier = false;
-    filter_is_wrong_ = true;
-    TriangulateMissing();
+    StartFrom(poses);
     return true;
   }
 
@@ -150,21 +148,25 @@ class Refinement {
       filter.cameras[k].world_from_camera = submap_.raw->keyframes[k].submap_from_camera;
     }
     std::vector<std::optional<Eigen::Vector3d>> known;
-    filter_is_wrong_ = false;
     for (const auto& [track, sights] : tracks_) known.push_back(FilterPoint(track));
     const auto poses =
         StartBackward(filter, known, options_.bundle, options_.triangulation, scene_depth_);
-    if (!poses) return false;
-    for (size_t k = 1; k < poses->size(); ++k) {
+    if (poses) StartFrom(*poses);
+    return poses.has_value();
+  }
+
+  // The free cameras' poses; all points are triangulated anew, without the filter's.
+  void StartFrom(const std::vector<Rigid3>& poses) {
+    for (size_t k = 0; k < poses.size(); ++k) {
       BundleCamera& camera = problem_.cameras[k];
-      camera.world_from_camera = (*poses)[k];
-      camera.prior = PositionPrior{(*poses)[k].translation,
-                                   options_.position_prior_max_of_depth * scene_depth_};
+      if (camera.fixed) continue;
+      camera.world_from_camera = poses[k];
+      camera.prior =
+          PositionPrior{poses[k].translation, options_.position_prior_max_of_depth * scene_depth_};
     }
     for (BundleObservation& observation : problem_.observations) observation.inlier = false;
     filter_is_wrong_ = true;
     TriangulateMissing();
-    return true;
   }
 
   // Sum of the squared errors in sigmas, none more than the outlier limit.
@@ -244,14 +246,14 @@ class Refinement {
       sights.push_back({{camera.world_from_camera, camera.model}, it->pixel, it->sigma_px});
     }
     const std::optional<TriangulatedPoint> result =
-        TriangulateTrack(options_.triangulation, sights, FilterPoint(track), scene_depth_);
+        TriangulateTrack(options_.triangulation, sights,
+                         filter_is_wrong_ ? std::nullopt : FilterPoint(track), scene_depth_);
     if (!result) return;
     point->point_in_world = result->point_in_world;
     for (auto it = first; it != last; ++it) it->inlier = result->inliers[it - first];
   }
 
   std::optional<Eigen::Vector3d> FilterPoint(TrackId track) const {
-    if (filter_is_wrong_) return std::nullopt;
     const std::vector<SubmapLandmark>& landmarks = submap_.raw->landmarks;
     const auto it = std::lower_bound(
         landmarks.begin(), landmarks.end(), track,

@@ -73,17 +73,35 @@ double MotionAgreement(const SyntheticSubmap& truth, const std::vector<Rigid3>& 
   return dot / std::sqrt(squares * true_squares);
 }
 
+// The motion that nearly explains the same images with depths reversed about `depth`.
+Rigid3 DepthReversed(Rigid3 motion, double depth) {
+  Eigen::Vector3d& t = motion.translation;
+  motion.rotation = RotationExp(2 / depth * Eigen::Vector3d(-t.y(), t.x(), 0)) * motion.rotation;
+  t.head<2>() = -t.head<2>();
+  return motion;
+}
+
 // The submap as a filter would tell it that settled in the depth-reversed solution.
 std::shared_ptr<const Submap> Reversed(const SyntheticSubmap& truth, double depth) {
   auto submap = std::make_shared<Submap>(*truth.submap);
   submap->landmarks.clear();
   for (Keyframe& keyframe : submap->keyframes) {
-    Eigen::Vector3d& t = keyframe.submap_from_camera.translation;
-    const Eigen::Vector3d turn = 2 / depth * Eigen::Vector3d(-t.y(), t.x(), 0);
-    keyframe.submap_from_camera.rotation = RotationExp(turn) * keyframe.submap_from_camera.rotation;
-    t.head<2>() = -t.head<2>();
+    keyframe.submap_from_camera = DepthReversed(keyframe.submap_from_camera, depth);
   }
   return submap;
+}
+
+struct BothWays {
+  std::shared_ptr<const RefinedSubmap> stuck;  // without other starts
+  std::shared_ptr<const RefinedSubmap> refined;
+};
+
+BothWays RefineBothWays(const SyntheticMission& mission, std::shared_ptr<const Submap> start) {
+  SubmapRefinerOptions without;
+  without.try_other_starts = false;
+  const SubmapId id = mission.submaps[0].id;
+  return {SubmapRefiner::Create(without)->Refine(id, start, mission.camera),
+          SubmapRefiner::Create({})->Refine(id, start, mission.camera)};
 }
 
 TEST(SubmapRefiner, LeavesTheDepthReversedSolution) {
@@ -92,13 +110,8 @@ TEST(SubmapRefiner, LeavesTheDepthReversedSolution) {
   options.agents[0].end_rad = 0.15;
   const SyntheticMission mission = MakeSyntheticMission(options);
   const auto start = Reversed(mission.submaps[0], 2.5 * options.unit);
-  SubmapRefinerOptions without;
-  without.try_other_starts = false;
-  const auto stuck =
-      SubmapRefiner::Create(without)->Refine(mission.submaps[0].id, start, mission.camera);
+  const auto [stuck, refined] = RefineBothWays(mission, start);
   EXPECT_LT(MotionAgreement(mission.submaps[0], stuck->submap_from_camera), 0);
-  const auto refined =
-      SubmapRefiner::Create({})->Refine(mission.submaps[0].id, start, mission.camera);
   EXPECT_EQ(refined->quarantine_reason, "");
   EXPECT_GT(MotionAgreement(mission.submaps[0], refined->submap_from_camera), 0.98);
   EXPECT_GT(refined->landmarks.size(), 100u);
@@ -113,11 +126,8 @@ std::shared_ptr<const Submap> BegunWrong(const SyntheticSubmap& truth, double de
   const size_t middle = keyframes.size() / 2;
   const Rigid3 from_middle = keyframes[middle].submap_from_camera;
   for (size_t k = 0; k < middle; ++k) {
-    Rigid3 motion = from_middle.Inverse() * keyframes[k].submap_from_camera;
-    Eigen::Vector3d& t = motion.translation;
-    motion.rotation = RotationExp(2 / depth * Eigen::Vector3d(-t.y(), t.x(), 0)) * motion.rotation;
-    t.head<2>() = -t.head<2>();
-    keyframes[k].submap_from_camera = from_middle * motion;
+    keyframes[k].submap_from_camera =
+        from_middle * DepthReversed(from_middle.Inverse() * keyframes[k].submap_from_camera, depth);
   }
   const Rigid3 new_from_old = keyframes[0].submap_from_camera.Inverse();
   for (Keyframe& keyframe : keyframes) {
@@ -135,13 +145,8 @@ TEST(SubmapRefiner, StartsFromTheEndOfASubmapThatBeganWrong) {
   options.agents[0].end_rad = 0.5;
   const SyntheticMission mission = MakeSyntheticMission(options);
   const auto start = BegunWrong(mission.submaps[0], 2.5 * options.unit);
-  SubmapRefinerOptions without;
-  without.try_other_starts = false;
-  const auto stuck =
-      SubmapRefiner::Create(without)->Refine(mission.submaps[0].id, start, mission.camera);
+  const auto [stuck, refined] = RefineBothWays(mission, start);
   EXPECT_LT(MotionAgreement(mission.submaps[0], stuck->submap_from_camera), 0.5);
-  const auto refined =
-      SubmapRefiner::Create({})->Refine(mission.submaps[0].id, start, mission.camera);
   EXPECT_EQ(refined->quarantine_reason, "");
   EXPECT_GT(MotionAgreement(mission.submaps[0], refined->submap_from_camera), 0.999);
   EXPECT_LT(refined->rms_reprojection_px, 0.8);
