@@ -43,8 +43,9 @@ StereoMatcher::StereoMatcher(const StereoOptions& options, const CameraModel& fi
     : options_(options), first_(first), mount_(mount) {}
 
 void StereoMatcher::SetImages(const cv::Mat& first, const cv::Mat& second) {
-  first_image_.Build(first, options_.pyramid_levels);
-  second_image_.Build(second, options_.pyramid_levels);
+  first_image_ = first;
+  second_image_ = second;
+  has_pyramids_ = false;
 }
 
 std::optional<Eigen::Vector2d> StereoMatcher::Predict(
@@ -80,7 +81,12 @@ std::optional<StereoMatcher::Depth> StereoMatcher::FitDepth(const Eigen::Vector3
   return Depth{std::max(inverse_depth, kLeastInverseDepth), sigma};
 }
 
-std::optional<StereoMatcher::Depth> StereoMatcher::Measure(const Eigen::Vector2d& pixel) const {
+std::optional<StereoMatcher::Depth> StereoMatcher::Measure(const Eigen::Vector2d& pixel) {
+  if (!has_pyramids_) {
+    first_pyramid_.Build(first_image_, options_.pyramid_levels);
+    second_pyramid_.Build(second_image_, options_.pyramid_levels);
+    has_pyramids_ = true;
+  }
   const auto ray = first_.Unproject(pixel);
   if (!ray) return std::nullopt;
   Eigen::Vector2d slope;
@@ -97,11 +103,11 @@ std::optional<StereoMatcher::Depth> StereoMatcher::Measure(const Eigen::Vector2d
     starts.push_back(*start);
     inverse_depths.push_back(inverse_depth);
   }
-  const auto moved = TrackTranslation(first_image_, second_image_, pixel, starts, 0);
+  const auto moved = TrackTranslation(first_pyramid_, second_pyramid_, pixel, starts, 0);
   if (!moved) return std::nullopt;
-  const auto patch = ReferencePatch::Create(first_image_, pixel);
+  const auto patch = ReferencePatch::Create(first_pyramid_, pixel);
   if (!patch) return std::nullopt;
-  const auto aligned = patch->Align(second_image_, {*moved, Eigen::Matrix2d::Identity()});
+  const auto aligned = patch->Align(second_pyramid_, {*moved, Eigen::Matrix2d::Identity()});
   if (!aligned || aligned->correlation < options_.min_correlation) return std::nullopt;
   const Eigen::Vector2d& match = aligned->pose.pixel;
   const auto nearest = std::min_element(
@@ -111,7 +117,7 @@ std::optional<StereoMatcher::Depth> StereoMatcher::Measure(const Eigen::Vector2d
   return FitDepth(*ray, inverse_depths[nearest - starts.begin()], match, aligned->sigma_px);
 }
 
-std::vector<MeasuredDepth> StereoMatcher::Measure(std::span<const Measurement> points) const {
+std::vector<MeasuredDepth> StereoMatcher::Measure(std::span<const Measurement> points) {
   std::vector<MeasuredDepth> depths;
   for (const Measurement& point : points) {
     const auto depth = Measure(point.pixel);

@@ -45,7 +45,7 @@ class StereoMatcher {
  public:
   StereoMatcher(const StereoOptions& options, const CameraModel& first, const StereoMount& mount);
 
-  // CV_8UC1 of the cameras' sizes, copied.
+  // CV_8UC1 of the cameras' sizes. The pixels are shared, and read when depths are asked for first.
   void SetImages(const cv::Mat& first, const cv::Mat& second);
 
   // 1 / distance from the first camera along the pixel's ray, 1/m, and its sigma; no value if the
@@ -54,10 +54,10 @@ class StereoMatcher {
     double inverse_depth = 0;
     double sigma = 0;
   };
-  std::optional<Depth> Measure(const Eigen::Vector2d& pixel) const;
+  std::optional<Depth> Measure(const Eigen::Vector2d& pixel);
 
   // Those of the points that are found, as lengths that owe nothing to the filter.
-  std::vector<MeasuredDepth> Measure(std::span<const Measurement> points) const;
+  std::vector<MeasuredDepth> Measure(std::span<const Measurement> points);
 
  private:
   // Where a point of the first camera's ray is seen.
@@ -70,8 +70,11 @@ class StereoMatcher {
   const StereoOptions options_;
   const CameraModel first_;
   const StereoMount mount_;
-  ImagePyramid first_image_;
-  ImagePyramid second_image_;
+  cv::Mat first_image_;
+  cv::Mat second_image_;
+  bool has_pyramids_ = false;  // of these images
+  ImagePyramid first_pyramid_;
+  ImagePyramid second_pyramid_;
 };
 
 }  // namespace portolan
