@@ -192,6 +192,11 @@ void AddLocalAdjustment(LocalAdjustmentOptions* options, OptionSection section) 
               "the same at the start and after a correction of the server");
   section.Add("loss_scale_sigmas", &options->bundle.loss_scale_sigmas, "sigmas",
               "errors beyond this many weigh less");
+  section.Add("max_lens_windows", &options->max_lens_windows, "windows",
+              "the lens's radial distortion is looked for over this many windows of max_keyframes; "
+              "0: the calibration is taken as it is");
+  section.Add("lens_corner_sigma_px", &options->lens_corner_sigma_px, "px",
+              "how far the calibration may be off at the image's corner");
 }
 
 void AddStereo(StereoOptions* options, OptionSection section) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <tuple>
 #include <utility>
 
@@ -53,19 +54,24 @@ Status LocalAdjustmentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(resection.Validate());
   if (max_free_keyframes < 1 || max_keyframes <= max_free_keyframes ||
       max_kept_keyframes < max_keyframes || max_free_after_correction < max_free_keyframes ||
-      max_start_iterations < 1 || min_points < 4) {
+      max_start_iterations < 1 || min_points < 4 || max_lens_windows < 0 ||
+      !(lens_corner_sigma_px > 0) || !(lens_noise_factor >= 1)) {
     return absl::InvalidArgumentError("local_adjustment: a limit is out of range");
   }
   return absl::OkStatus();
 }
 
 LocalAdjustment::LocalAdjustment(const LocalAdjustmentOptions& options, const CameraModel& camera)
-    : options_(options), camera_(camera) {}
+    : options_(options),
+      camera_(camera),
+      lens_(MakeLens(std::make_shared<const CameraModel>(camera), camera,
+                     options.lens_corner_sigma_px)) {}
 
 void LocalAdjustment::Start() {
   keyframes_.clear();
   points_.clear();
   scale_ = 1;
+  in_world_ = false;
   odometry_from_camera_.reset();
 }
 
@@ -135,6 +141,10 @@ void LocalAdjustment::AddKeyframe(Timestamp time) {
   keyframes_.push_back(std::move(keyframe));
   // A start is far from converged.
   const bool is_start = static_cast<int>(keyframes_.size()) <= options_.max_keyframes;
+  if (++keyframes_since_lens_ >= options_.max_keyframes && !is_start &&
+      lens_windows_ < options_.max_lens_windows) {
+    AdjustLens();
+  }
   Adjust(options_.max_free_keyframes,
          is_start ? options_.max_start_iterations : options_.bundle.max_iterations);
 }
@@ -174,6 +184,7 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
   keyframes_.erase(keyframes_.begin(),
                    keyframes_.begin() + static_cast<std::ptrdiff_t>(common.front().first));
   scale_ *= scale;
+  in_world_ = true;
   window_from_camera_ = new_from_old * window_from_camera_;
   const Rigid3 last_from_camera =
       keyframes_.back().window_from_camera.Inverse() * window_from_camera_;
@@ -200,20 +211,9 @@ void LocalAdjustment::Adjust(int max_free, int max_iterations) {
   const size_t first = FirstOfLast(first_free, held);
 
   BundleProblem problem;
-  AddCameras(static_cast<int>(first), static_cast<int>(first_free), &problem);
-  const double scene_depth = SceneDepth();
-  std::vector<TrackId> tracks;
-  const std::vector<Sight> sights =
-      CollectSights(static_cast<int>(first), static_cast<int>(first_free));
-  for (size_t begin = 0, end = 0; begin < sights.size(); begin = end) {
-    const TrackId track = sights[begin].track;
-    while (end < sights.size() && sights[end].track == track) ++end;
-    const size_t points = problem.points.size();
-    AddPoint(std::span(sights).subspan(begin, end - begin), static_cast<int>(first), scene_depth,
-             &problem);
-    if (problem.points.size() > points) tracks.push_back(track);
-  }
-  if (static_cast<int>(tracks.size()) < options_.min_points) return;
+  const std::vector<TrackId> tracks =
+      MakeProblem(static_cast<int>(first), static_cast<int>(first_free), &problem);
+  if (tracks.empty()) return;
   BundleOptions bundle = options_.bundle;
   bundle.max_iterations = max_iterations;
   BundleParameters parameters(problem);
@@ -222,6 +222,23 @@ void LocalAdjustment::Adjust(int max_free, int max_iterations) {
   }
   TakeResult(problem, tracks, static_cast<int>(first));
   MeasureScale();
+}
+
+std::vector<TrackId> LocalAdjustment::MakeProblem(int first, int first_free,
+                                                  BundleProblem* problem) const {
+  AddCameras(first, first_free, problem);
+  const double scene_depth = SceneDepth();
+  std::vector<TrackId> tracks;
+  const std::vector<Sight> sights = CollectSights(first, first_free);
+  for (size_t begin = 0, end = 0; begin < sights.size(); begin = end) {
+    const TrackId track = sights[begin].track;
+    while (end < sights.size() && sights[end].track == track) ++end;
+    const size_t points = problem->points.size();
+    AddPoint(std::span(sights).subspan(begin, end - begin), first, scene_depth, problem);
+    if (problem->points.size() > points) tracks.push_back(track);
+  }
+  if (static_cast<int>(tracks.size()) < options_.min_points) tracks.clear();
+  return tracks;
 }
 
 void LocalAdjustment::AddCameras(int first, int first_free, BundleProblem* problem) const {

@@ -32,6 +32,15 @@ struct LocalAdjustmentOptions {
   int max_start_iterations = 10;
   TriangulationOptions triangulation;
   ResectionOptions resection;
+  // The lens is looked for in every max_keyframes keyframes anew, so many times; 0: never. How far
+  // the calibration's k1 and k2 may be off, at the image's corner.
+  int max_lens_windows = 12;
+  double lens_corner_sigma_px = 5.0;
+  // Once it is known to this much it stays: every change costs, for the window was placed by the
+  // lens before.
+  double lens_known_px = 1.0;
+  // By how much a window tells less of the lens than white noise would let it.
+  double lens_noise_factor = 2.0;
   // With fewer triangulated points an adjustment has no say.
   int min_points = 20;
 
@@ -79,6 +88,8 @@ class LocalAdjustment {
   // Window units per unit of the odometry.
   double scale() const { return scale_; }
   int point_count() const { return static_cast<int>(points_.size()); }
+  // With the lens as it is believed to be now.
+  const CameraModel& camera() const { return camera_; }
 
  private:
   struct WindowKeyframe {
@@ -102,6 +113,11 @@ class LocalAdjustment {
   void FitToPoints();
   const WindowPoint* FindPoint(TrackId track) const;
   void Adjust(int max_free, int max_iterations);
+  // The problem of the keyframes from `first` on, those before `first_free` held; returns the
+  // points' tracks, or none if they are too few.
+  std::vector<TrackId> MakeProblem(int first, int first_free, BundleProblem* problem) const;
+  // The last max_keyframes keyframes, all free, and the lens.
+  void AdjustLens();
   std::vector<Sight> CollectSights(int first, int first_free) const;
   void AddCameras(int first, int first_free, BundleProblem* problem) const;
   void AddPoint(std::span<const Sight> sights, int first, double scene_depth,
@@ -114,11 +130,18 @@ class LocalAdjustment {
   double SceneDepth() const;
 
   const LocalAdjustmentOptions options_;
-  const CameraModel camera_;
+  // Its lens changes.
+  CameraModel camera_;
+  // Its prior: what is believed of it after the windows before.
+  BundleLens lens_;
+  int lens_windows_ = 0;
+  int keyframes_since_lens_ = 0;
   std::vector<WindowKeyframe> keyframes_;
   // Of the last adjustment's tracks, ascending.
   std::vector<WindowPoint> points_;
   double scale_ = 1;
+  // Hold has put the window there.
+  bool in_world_ = false;
   // Of the frame located last.
   std::optional<Rigid3> odometry_from_camera_;
   Rigid3 window_from_camera_;

@@ -10,7 +10,8 @@ BundleParameters::BundleParameters(const BundleProblem& problem)
       point_references(problem.points.size()),
       points(problem.points.size(), std::array<double, 3>{}),
       inliers(problem.points.size(), 0),
-      median_depth(MedianDepth(problem)) {
+      median_depth(MedianDepth(problem)),
+      lenses(problem.lenses.size(), Eigen::Vector2d::Zero()) {
   for (const BundleCamera& camera : problem.cameras) {
     camera_references.push_back({camera.world_from_camera, camera.model});
   }
@@ -36,6 +37,16 @@ void BundleParameters::WriteTo(const BundleOptions& options, BundleProblem* prob
   for (size_t i = 0; i < cameras.size(); ++i) {
     if (!cameras_used[i] || problem->cameras[i].fixed) continue;
     problem->cameras[i].world_from_camera = camera_references[i].Apply(cameras[i].data());
+  }
+  for (size_t i = 0; i < lenses.size(); ++i) {
+    BundleLens& lens = problem->lenses[i];
+    auto changed = lens.model->WithRadial(lenses[i]);
+    if (!changed.ok()) continue;
+    lens.model = std::make_shared<const CameraModel>(*std::move(changed));
+    lens.deviation += lenses[i];
+  }
+  for (BundleCamera& camera : problem->cameras) {
+    if (camera.lens >= 0) camera.model = problem->lenses[camera.lens].model.get();
   }
   const double min_rho = 1.0 / (options.max_depth_medians * median_depth);
   for (size_t i = 0; i < points.size(); ++i) {

@@ -21,6 +21,8 @@ struct BundleParameters {
   // Inlier observations of a point; points with fewer than two have no say.
   std::vector<int> inliers;
   double median_depth = 1;
+  // Added to each lens's k1 and k2.
+  std::vector<Eigen::Vector2d> lenses;
 
   // Anchors every point at the first camera that sees it.
   explicit BundleParameters(const BundleProblem& problem);
@@ -34,7 +36,7 @@ struct BundleParameters {
   }
   // The prior of an adjusted point's inverse depth: sigma.
   double InverseDepthSigma(const BundleOptions& options, size_t point) const;
-  // Writes what was adjusted.
+  // Writes what was adjusted. A lens that would no longer be invertible over the image stays.
   void WriteTo(const BundleOptions& options, BundleProblem* problem) const;
 };
 

@@ -3,8 +3,32 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace portolan {
+
+BundleLens MakeLens(std::shared_ptr<const CameraModel> now, const CameraModel& nominal,
+                    double corner_sigma_px) {
+  BundleLens lens;
+  const double right = nominal.width_px() - 1.0, bottom = nominal.height_px() - 1.0;
+  double shift_px[2] = {0, 0};
+  // A fisheye's corners may lie outside of its circle; the edges' middles do not, both of them.
+  for (const Eigen::Vector2d& pixel :
+       {Eigen::Vector2d(0, 0), Eigen::Vector2d(right, 0), Eigen::Vector2d(0, bottom),
+        Eigen::Vector2d(right, bottom), Eigen::Vector2d(right, bottom / 2),
+        Eigen::Vector2d(right / 2, bottom)}) {
+    const auto bearing = nominal.Unproject(pixel);
+    if (!bearing) continue;
+    const Eigen::Matrix2d d_radial = nominal.DPixelDRadial(*bearing);
+    for (int i = 0; i < 2; ++i) shift_px[i] = std::max(shift_px[i], d_radial.col(i).norm());
+  }
+  for (int i = 0; i < 2; ++i) {
+    lens.sqrt_information(i, i) = std::max(shift_px[i], 1e-9) / corner_sigma_px;
+    lens.deviation[i] = now->intrinsics().coefficients[i] - nominal.intrinsics().coefficients[i];
+  }
+  lens.model = std::move(now);
+  return lens;
+}
 
 double ReprojectionChi2(const BundleProblem& problem, const BundleObservation& observation) {
   const BundleCamera& camera = problem.cameras[observation.camera];

@@ -3,6 +3,7 @@
 #ifndef PORTOLAN_COMMON_BUNDLE_BUNDLE_PROBLEM_H_
 #define PORTOLAN_COMMON_BUNDLE_BUNDLE_PROBLEM_H_
 
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -18,10 +19,27 @@ struct PositionPrior {
   Eigen::Vector3d sigma_factors = Eigen::Vector3d::Ones();
 };
 
+// A lens whose radial distortion is adjusted with the cameras that look through it: what a user's
+// calibration, or none, leaves is often several pixels at the image's corners, and bends maps.
+struct BundleLens {
+  // As it is now; BundleCamera::model of the cameras that look through it points here.
+  std::shared_ptr<const CameraModel> model;
+  // k1 and k2 less those that are believed, and how far these are: the prior's residual is
+  // sqrt_information * deviation.
+  Eigen::Vector2d deviation = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d sqrt_information = Eigen::Matrix2d::Identity();
+};
+
+// A lens as it is now, whose calibration by the user is `nominal`; what that may be off moves a
+// pixel at the image's corner by corner_sigma_px, by k1 and again by k2.
+BundleLens MakeLens(std::shared_ptr<const CameraModel> now, const CameraModel& nominal,
+                    double corner_sigma_px);
+
 struct BundleCamera {
   Rigid3 world_from_camera;
   const CameraModel* model = nullptr;  // not owned, not null
   bool fixed = false;
+  int lens = -1;  // index into BundleProblem::lenses; -1: `model` is held
   // Where the camera is believed to be; for views whose parallax does not tell.
   std::optional<PositionPrior> prior;
 };
@@ -54,6 +72,7 @@ struct BundleProblem {
   std::vector<BundlePoint> points;
   std::vector<BundleObservation> observations;
   std::vector<DistancePrior> distances;
+  std::vector<BundleLens> lenses;
 };
 
 // Squared reprojection error in units of sigma_px^2; infinity if the point does not project.

@@ -2,20 +2,24 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <vector>
 
+#include "common/bundle/bundle_solver_terms.h"
 #include "common/bundle/camera_system.h"
 
 namespace portolan {
 namespace {
 
-using Matrix26d = Eigen::Matrix<double, 2, 6, Eigen::RowMajor>;
-using Matrix23r = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
-using Matrix63d = Eigen::Matrix<double, 6, 3>;
+using bundle_solver::Below;
+using bundle_solver::Coupling;
+using bundle_solver::Matrix63d;
+using bundle_solver::PointTerms;
+using bundle_solver::Term;
+using bundle_solver::Unknowns;
 
 // Damping relative to the diagonal: at the start, and the smallest.
 constexpr double kInitialDamping = 1e-4;
@@ -24,49 +28,6 @@ constexpr double kMaxDamping = 1e12;
 // Of the diagonal that is damped, as the unknowns' scales are not known.
 constexpr double kMinDiagonal = 1e-6;
 constexpr double kMaxDiagonal = 1e32;
-
-// One observation that has a say.
-struct Term {
-  int camera = 0;
-  int place = -1;  // of the camera among the free ones; -1 if it is held
-  ReprojectionError error;
-  // Weighted by the root of the loss's slope.
-  Eigen::Vector2d residual = Eigen::Vector2d::Zero();
-  Matrix26d d_camera = Matrix26d::Zero();
-  Matrix23r d_point = Matrix23r::Zero();
-};
-
-// The terms of one point, one after another.
-struct PointTerms {
-  int point = 0;
-  size_t begin = 0;
-  size_t end = 0;
-  bool is_free = true;
-  double rho = 0;  // prior
-  double inverse_sigma = 0;
-  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
-  // Damped, of the last step that was tried.
-  Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
-};
-
-struct Unknowns {
-  std::vector<std::array<double, 6>> cameras;
-  std::vector<std::array<double, 3>> points;
-};
-
-struct Coupling {
-  int place;
-  Matrix63d plain;
-  Matrix63d weighted;  // times the point's inverse information
-};
-
-// A block under the diagonal, from a prior.
-struct Below {
-  int row;
-  int column;
-  Eigen::Matrix<double, 6, 6> block;
-};
 
 class Solver {
  public:
@@ -77,8 +38,11 @@ class Solver {
       const bool is_free = parameters_.cameras_used[i] && !problem.cameras[i].fixed;
       place_of_.push_back(is_free ? free_count_++ : -1);
     }
-    system_ = std::make_unique<CameraSystem>(free_count_, options.max_dense_cameras);
-    diagonal_.resize(free_count_);
+    // A lens has a block like a camera's, of which it uses two rows.
+    block_count_ = free_count_ + static_cast<int>(problem.lenses.size());
+    system_ = std::make_unique<CameraSystem>(block_count_, options.max_dense_cameras);
+    diagonal_.resize(block_count_);
+    lens_by_camera_.resize(free_count_);
     states_.resize(problem.cameras.size());
     AddTerms();
   }
@@ -97,13 +61,14 @@ class Solver {
       if (interrupt_ != nullptr && *interrupt_) break;
       if (!is_linear) Linearize();
       is_linear = true;
-      const Unknowns before = {parameters_.cameras, parameters_.points};
+      const Unknowns before = {parameters_.cameras, parameters_.points, parameters_.lenses};
       double expected = 0;
       const bool is_solved = Step(damping, &expected);
       const double next = is_solved ? Cost() : std::numeric_limits<double>::infinity();
       if (!(next <= cost)) {
         parameters_.cameras = before.cameras;
         parameters_.points = before.points;
+        parameters_.lenses = before.lenses;
         damping *= growth;
         growth *= 2;
         if (damping > kMaxDamping) break;
@@ -123,6 +88,20 @@ class Solver {
     }
     result.final_cost = cost;
     return result;
+  }
+
+  std::optional<Eigen::Matrix2d> LensCovariance(int lens) {
+    if (terms_.empty() || !std::isfinite(Cost())) return std::nullopt;
+    Linearize();
+    Eigen::Matrix2d covariance;
+    for (int i = 0; i < 2; ++i) {
+      BuildSystem(kMinDamping);
+      right_.setZero();
+      right_[6 * PlaceOfLens(lens) + i] = 1;
+      if (!system_->SolveInPlace(&right_)) return std::nullopt;
+      covariance.col(i) = right_.segment<2>(6 * PlaceOfLens(lens));
+    }
+    return covariance;
   }
 
  private:
@@ -146,6 +125,7 @@ class Solver {
       terms_.push_back({observation.camera, place_of_[observation.camera],
                         ReprojectionError(&parameters_.point_references[observation.point],
                                           observation.pixel, observation.sigma_px)});
+      AddLens(observation, &terms_.back());
     }
     for (size_t point = 0; point < problem_.points.size(); ++point) {
       if (begin_of[point] == begin_of[point + 1]) continue;
@@ -159,6 +139,18 @@ class Solver {
       points_.push_back(terms);
     }
   }
+
+  void AddLens(const BundleObservation& observation, Term* term) const {
+    const BundleCamera& camera = problem_.cameras[observation.camera];
+    if (camera.lens < 0) return;
+    term->lens = camera.lens;
+    term->lens_slope =
+        camera.model->DPixelDRadial(camera.world_from_camera.Inverse() *
+                                    problem_.points[observation.point].point_in_world) /
+        observation.sigma_px;
+  }
+
+  int PlaceOfLens(int lens) const { return free_count_ + lens; }
 
   double RobustCost(double chi2) const {
     const double square = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
@@ -206,11 +198,16 @@ class Solver {
         Eigen::Vector2d residual;
         terms_[i].error.Evaluate(states_[terms_[i].camera], unknowns, residual.data(), nullptr,
                                  nullptr);
+        if (terms_[i].lens >= 0)
+          residual += terms_[i].lens_slope * parameters_.lenses[terms_[i].lens];
         cost += RobustCost(residual.squaredNorm());
       }
       if (point.is_free) {
         cost += 0.5 * std::pow((unknowns[2] - point.rho) * point.inverse_sigma, 2);
       }
+    }
+    for (size_t i = 0; i < parameters_.lenses.size(); ++i) {
+      cost += 0.5 * LensPrior(i).squaredNorm();
     }
     ForEachPrior([&cost](double residual, int, const auto&, int, const auto&) {
       cost += 0.5 * residual * residual;
@@ -218,12 +215,19 @@ class Solver {
     return cost;
   }
 
+  Eigen::Vector2d LensPrior(size_t lens) const {
+    const BundleLens& prior = problem_.lenses[lens];
+    return prior.sqrt_information * (prior.deviation + parameters_.lenses[lens]);
+  }
+
   // Where Cost was called last.
   void Linearize() {
     const double square = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
     for (auto& block : diagonal_) block.setZero();
+    for (auto& block : lens_by_camera_) block.setZero();
     below_.clear();
-    gradient_.setZero(6 * free_count_);
+    gradient_.setZero(6 * block_count_);
+    LinearizeLensPriors();
     for (PointTerms& point : points_) {
       point.information.setZero();
       point.gradient.setZero();
@@ -232,8 +236,15 @@ class Solver {
         Term& term = terms_[i];
         term.error.Evaluate(states_[term.camera], unknowns, term.residual.data(),
                             term.place < 0 ? nullptr : term.d_camera.data(), term.d_point.data());
+        if (term.lens >= 0) term.residual += term.lens_slope * parameters_.lenses[term.lens];
         const double weight = std::sqrt(1 / (1 + term.residual.squaredNorm() / square));
         term.residual *= weight;
+        if (term.lens >= 0) {
+          const int place = PlaceOfLens(term.lens);
+          term.d_lens = weight * term.lens_slope;
+          diagonal_[place].topLeftCorner<2, 2>().noalias() += term.d_lens.transpose() * term.d_lens;
+          gradient_.segment<2>(6 * place).noalias() += term.d_lens.transpose() * term.residual;
+        }
         term.d_point *= weight;
         point.information.noalias() += term.d_point.transpose() * term.d_point;
         point.gradient.noalias() += term.d_point.transpose() * term.residual;
@@ -241,6 +252,8 @@ class Solver {
         term.d_camera *= weight;
         diagonal_[term.place].noalias() += term.d_camera.transpose() * term.d_camera;
         gradient_.segment<6>(6 * term.place).noalias() += term.d_camera.transpose() * term.residual;
+        if (term.lens < 0) continue;
+        lens_by_camera_[term.place].noalias() += term.d_lens.transpose() * term.d_camera;
       }
       const double inverse_sigma2 = point.inverse_sigma * point.inverse_sigma;
       point.information(2, 2) += inverse_sigma2;
@@ -260,20 +273,36 @@ class Solver {
     });
   }
 
+  void LinearizeLensPriors() {
+    for (size_t i = 0; i < parameters_.lenses.size(); ++i) {
+      const int place = PlaceOfLens(static_cast<int>(i));
+      const Eigen::Matrix2d& root = problem_.lenses[i].sqrt_information;
+      diagonal_[place].topLeftCorner<2, 2>() = root.transpose() * root;
+      gradient_.segment<2>(6 * place) = root.transpose() * LensPrior(i);
+      // The rows that are not used.
+      diagonal_[place].diagonal().tail<4>().setOnes();
+    }
+  }
+
   static double Damped(double diagonal, double damping) {
     return diagonal + damping * std::clamp(diagonal, kMinDiagonal, kMaxDiagonal);
   }
 
-  // Takes a step; `expected` is by how much the linear model lets the cost decrease.
-  bool Step(double damping, double* expected) {
+  // The cameras' and the lenses' system and its right side, points eliminated.
+  void BuildSystem(double damping) {
     system_->SetZero();
     right_ = -gradient_;
-    for (int i = 0; i < free_count_; ++i) {
+    for (int i = 0; i < block_count_; ++i) {
       CameraBlock block = system_->Block(i, i);
       block = diagonal_[i];
       for (int k = 0; k < 6; ++k) block(k, k) = Damped(block(k, k), damping);
     }
     for (const Below& below : below_) system_->Block(below.row, below.column) += below.block;
+    for (size_t i = 0; i < problem_.cameras.size(); ++i) {
+      const int lens = problem_.cameras[i].lens;
+      if (lens < 0 || place_of_[i] < 0) continue;
+      system_->Block(PlaceOfLens(lens), place_of_[i]).topRows<2>() += lens_by_camera_[place_of_[i]];
+    }
     for (PointTerms& point : points_) {
       if (!point.is_free) continue;
       Eigen::Matrix3d information = point.information;
@@ -281,6 +310,11 @@ class Solver {
       point.inverse = information.inverse();
       Eliminate(point);
     }
+  }
+
+  // Takes a step; `expected` is by how much the linear model lets the cost decrease.
+  bool Step(double damping, double* expected) {
+    BuildSystem(damping);
     if (!system_->SolveInPlace(&right_)) return false;
     double linear = -gradient_.dot(right_);  // - g' d
     double damped = 0;                       // d' D d
@@ -305,6 +339,9 @@ class Solver {
       if (place_of_[i] < 0) continue;
       for (int k = 0; k < 6; ++k) parameters_.cameras[i][k] += right_[6 * place_of_[i] + k];
     }
+    for (size_t i = 0; i < parameters_.lenses.size(); ++i) {
+      parameters_.lenses[i] += right_.segment<2>(6 * PlaceOfLens(static_cast<int>(i)));
+    }
     return true;
   }
 
@@ -316,6 +353,7 @@ class Solver {
       const Matrix63d coupling = term.d_camera.transpose() * term.d_point;
       couplings_.push_back({term.place, coupling, coupling * point.inverse});
     }
+    if (!parameters_.lenses.empty()) CoupleLenses(point);
     for (const Coupling& a : couplings_) {
       right_.segment<6>(6 * a.place).noalias() += a.weighted * point.gradient;
       for (const Coupling& b : couplings_) {
@@ -325,10 +363,34 @@ class Solver {
     }
   }
 
+  // One coupling a lens, of all of the point's terms.
+  void CoupleLenses(const PointTerms& point) {
+    const auto first = static_cast<std::ptrdiff_t>(couplings_.size());
+    for (size_t i = point.begin; i < point.end; ++i) {
+      const Term& term = terms_[i];
+      if (term.lens < 0) continue;
+      const int place = PlaceOfLens(term.lens);
+      auto coupling = std::find_if(couplings_.begin() + first, couplings_.end(),
+                                   [place](const Coupling& c) { return c.place == place; });
+      if (coupling == couplings_.end()) {
+        couplings_.push_back({place, Matrix63d::Zero(), Matrix63d::Zero()});
+        coupling = couplings_.end() - 1;
+      }
+      coupling->plain.topRows<2>().noalias() += term.d_lens.transpose() * term.d_point;
+    }
+    for (auto coupling = couplings_.begin() + first; coupling != couplings_.end(); ++coupling) {
+      coupling->weighted = coupling->plain * point.inverse;
+    }
+  }
+
   Eigen::Vector3d StepOf(const PointTerms& point) const {
     Eigen::Vector3d right = -point.gradient;
     for (size_t i = point.begin; i < point.end; ++i) {
       const Term& term = terms_[i];
+      if (term.lens >= 0) {
+        right.noalias() -= term.d_point.transpose() *
+                           (term.d_lens * right_.segment<2>(6 * PlaceOfLens(term.lens))).eval();
+      }
       if (term.place < 0) continue;
       right.noalias() -=
           term.d_point.transpose() * (term.d_camera * right_.segment<6>(6 * term.place)).eval();
@@ -343,11 +405,14 @@ class Solver {
   std::vector<CameraState> states_;  // by camera, where Cost was called last
   std::vector<int> place_of_;        // of a camera
   int free_count_ = 0;
+  int block_count_ = 0;  // free cameras, then lenses
   std::vector<Term> terms_;
   std::vector<PointTerms> points_;
   // Of the cameras, points not eliminated.
   std::vector<Eigen::Matrix<double, 6, 6>> diagonal_;
   std::vector<Below> below_;
+  // By free camera: of its lens.
+  std::vector<Eigen::Matrix<double, 2, 6>> lens_by_camera_;
   Eigen::VectorXd gradient_;
   std::unique_ptr<CameraSystem> system_;  // reduced
   Eigen::VectorXd right_;                 // then the cameras' step
@@ -359,6 +424,12 @@ class Solver {
 BundleSolve SolveBundle(const BundleOptions& options, const BundleProblem& problem,
                         const std::atomic<bool>* interrupt, BundleParameters* parameters) {
   return Solver(options, problem, interrupt, parameters).Run();
+}
+
+std::optional<Eigen::Matrix2d> LensCovariance(const BundleOptions& options,
+                                              const BundleProblem& problem, int lens) {
+  BundleParameters parameters(problem);
+  return Solver(options, problem, nullptr, &parameters).LensCovariance(lens);
 }
 
 }  // namespace portolan

@@ -5,16 +5,23 @@
 #ifndef PORTOLAN_COMMON_BUNDLE_BUNDLE_SOLVER_H_
 #define PORTOLAN_COMMON_BUNDLE_BUNDLE_SOLVER_H_
 
+#include <Eigen/Core>
 #include <atomic>
+#include <optional>
 
 #include "common/bundle/bundle_parameters.h"
 
 namespace portolan {
 
-// Minimises the observations' Cauchy losses and the priors over the free cameras and points, from
-// and into `parameters`. `interrupt` may be null. Deterministic.
+// Minimises the observations' Cauchy losses and the priors over the free cameras, points and
+// lenses, from and into `parameters`. `interrupt` may be null. Deterministic.
 BundleSolve SolveBundle(const BundleOptions& options, const BundleProblem& problem,
                         const std::atomic<bool>* interrupt, BundleParameters* parameters);
+
+// Covariance of a lens's k1 and k2 where the problem is, of the prior and of all that is free in
+// the problem together; no value if the cameras are not determined.
+std::optional<Eigen::Matrix2d> LensCovariance(const BundleOptions& options,
+                                              const BundleProblem& problem, int lens);
 
 }  // namespace portolan
 

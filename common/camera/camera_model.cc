@@ -278,6 +278,35 @@ std::optional<Eigen::Vector3d> CameraModel::Unproject(const Eigen::Vector2d& pix
   return bearing.normalized();
 }
 
+Eigen::Matrix2d CameraModel::DPixelDRadial(const Eigen::Vector3d& point_in_camera) const {
+  const double x = point_in_camera.x(), y = point_in_camera.y(), z = point_in_camera.z();
+  if (!(z > 0)) return Eigen::Matrix2d::Zero();
+  // Along the ray's image, by k1 and k2: r^3 and r^5, or the angle's third and fifth power.
+  Eigen::Vector2d outwards(x / z, y / z);
+  double square = outwards.squaredNorm();
+  if (intrinsics_.distortion == DistortionModel::kEquidistant) {
+    const double r = std::sqrt(square), theta = std::atan(r);
+    outwards *= r > 0 ? theta / r : 0.0;
+    square = theta * theta;
+  }
+  if (!(square <= kMaxRadiusSquared)) return Eigen::Matrix2d::Zero();
+  const Eigen::Vector2d scaled(intrinsics_.fx_px * outwards.x(), intrinsics_.fy_px * outwards.y());
+  Eigen::Matrix2d derivative;
+  derivative << scaled * square, scaled * (square * square);
+  return derivative;
+}
+
+StatusOr<CameraModel> CameraModel::WithRadial(const Eigen::Vector2d& added) const {
+  CameraIntrinsics changed = intrinsics_;
+  if (changed.distortion == DistortionModel::kNone) {
+    changed.distortion = DistortionModel::kRadTan;
+    changed.coefficients = {};
+  }
+  changed.coefficients[0] += added.x();
+  changed.coefficients[1] += added.y();
+  return Create(changed);
+}
+
 bool CameraModel::IsInImage(const Eigen::Vector2d& pixel, double border_px) const {
   return pixel.x() >= border_px && pixel.y() >= border_px &&
          pixel.x() <= intrinsics_.width_px - 1 - border_px &&

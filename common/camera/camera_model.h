@@ -49,6 +49,13 @@ class CameraModel {
   // back to within 1e-6 px.
   std::optional<Eigen::Vector3d> Unproject(const Eigen::Vector2d& pixel) const;
 
+  // Derivative of a point's pixel by the first two radial coefficients, k1 and k2 of either
+  // distortion model (of a camera without distortion: of kRadTan with all coefficients 0). Zero if
+  // the point is not in front of the camera.
+  Eigen::Matrix2d DPixelDRadial(const Eigen::Vector3d& point_in_camera) const;
+  // The camera with these added to k1 and k2; InvalidArgument as Create has it.
+  StatusOr<CameraModel> WithRadial(const Eigen::Vector2d& added) const;
+
   // True if the pixel lies inside the image and at least border_px from its edge.
   bool IsInImage(const Eigen::Vector2d& pixel, double border_px = 0.0) const;
 

@@ -31,6 +31,7 @@ class WindowAdjustment {
     } else {
       FixGauge();
     }
+    AddLenses();
     BundleOptions bundle = options_.bundle;
     for (int pass = 0; pass < passes; ++pass) {
       if (pass > 0) {
@@ -110,7 +111,7 @@ class WindowAdjustment {
     if (!inserted) return it->second;
     BundleCamera bundle_camera;
     bundle_camera.world_from_camera = model_.submap(camera.first).world_from_camera[camera.second];
-    bundle_camera.model = model_.submap(camera.first).refined->camera.get();
+    bundle_camera.model = model_.submap(camera.first).camera.get();
     bundle_camera.fixed = !IsFree(camera);
     problem_.cameras.push_back(bundle_camera);
     camera_names_.push_back(camera);
@@ -146,6 +147,28 @@ class WindowAdjustment {
       scale.distance = distance;
     }
     if (scale.distance > 0) problem_.distances.push_back(scale);
+  }
+
+  // A held keyframe, but for the one that holds the world, was placed by the lens as it is.
+  void AddLenses() {
+    const auto held = std::count_if(problem_.cameras.begin(), problem_.cameras.end(),
+                                    [](const BundleCamera& camera) { return camera.fixed; });
+    if (options_.min_lens_keyframes == 0 || held > 1) return;
+    std::map<std::pair<AgentId, SessionId>, std::vector<int>> cameras_of;
+    for (size_t i = 0; i < problem_.cameras.size(); ++i) {
+      const SubmapKey& key = model_.submap(camera_names_[i].first).refined->raw->key;
+      cameras_of[{key.agent, key.session}].push_back(static_cast<int>(i));
+    }
+    for (const auto& [session, cameras] : cameras_of) {
+      if (cameras.size() < static_cast<size_t>(options_.min_lens_keyframes)) continue;
+      const ModelSubmap& submap = model_.submap(camera_names_[cameras.front()].first);
+      for (const int camera : cameras) {
+        problem_.cameras[camera].lens = static_cast<int>(problem_.lenses.size());
+      }
+      problem_.lenses.push_back(
+          MakeLens(submap.camera, *submap.refined->camera, options_.lens_corner_sigma_px));
+      lens_names_.push_back(submap.refined->id);
+    }
   }
 
   // Every metric submap says how far apart its first keyframe and the one farthest from it are:
@@ -278,6 +301,9 @@ class WindowAdjustment {
       model_.SetCamera(camera_names_[i].first, camera_names_[i].second,
                        problem_.cameras[i].world_from_camera);
     }
+    for (size_t i = 0; i < lens_names_.size(); ++i) {
+      model_.SetCameraModel(lens_names_[i], problem_.lenses[i].model);
+    }
     for (size_t i = 0; i < point_landmarks_.size(); ++i) {
       model_.SetLandmark(point_landmarks_[i], problem_.points[i].point_in_world);
     }
@@ -298,6 +324,8 @@ class WindowAdjustment {
   std::vector<SightName> names_;
   std::vector<int> point_landmarks_;
   std::vector<std::pair<SubmapId, int>> camera_names_;
+  // Parallel to the lenses: a submap of the session.
+  std::vector<SubmapId> lens_names_;
   std::unordered_map<uint64_t, int> cameras_;
   MapAdjustment result_;
 };
@@ -309,7 +337,8 @@ Status MapAdjusterOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
   PORTOLAN_RETURN_IF_ERROR(metric.Validate());
   PORTOLAN_RETURN_IF_ERROR(positions.Validate());
-  if (!(min_metric_path_of_depth >= 0) || !(control_point_chi2 > 0)) {
+  if (!(min_metric_path_of_depth >= 0) || !(control_point_chi2 > 0) || min_lens_keyframes < 0 ||
+      !(lens_corner_sigma_px > 0)) {
     return absl::InvalidArgumentError("map adjuster: limits out of range");
   }
   return absl::OkStatus();

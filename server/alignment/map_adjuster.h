@@ -27,6 +27,11 @@ struct MapAdjusterOptions {
   double min_metric_path_of_depth = 0.05;
   // How far a fix may be off before it loses weight.
   GeoreferenceFitOptions positions;
+  // Lenses of sessions with so many free keyframes are adjusted wherever no keyframe is held; 0:
+  // never. How far the user's calibration is believed, at the image's corner. Both wide: a lens
+  // that was never calibrated is off by 5 to 10 px there.
+  int min_lens_keyframes = 24;
+  double lens_corner_sigma_px = 5.0;
   // Squared error, in sigmas, up to which a control point's observation takes part at first.
   double control_point_chi2 = 400.0;
 

@@ -53,12 +53,26 @@ void MapModel::SetComponent(SubmapId id, ComponentId component) {
   members_[component].insert(id);
 }
 
+MapModel::Session& MapModel::SessionOf(const RefinedSubmap& refined) {
+  return sessions_[{refined.raw->key.agent, refined.raw->key.session}];
+}
+
+void MapModel::SetCameraModel(SubmapId id, std::shared_ptr<const CameraModel> camera) {
+  Session& session = SessionOf(*submaps_.at(id).refined);
+  for (const SubmapId member : session.submaps) submaps_.at(member).camera = camera;
+  session.camera = std::move(camera);
+}
+
 ModelSubmap& MapModel::Insert(std::shared_ptr<const RefinedSubmap> refined,
                               const std::optional<SubmapRelation>& link) {
   PORTOLAN_CHECK(!Contains(refined->id));
   const SubmapId id = refined->id;
   ModelSubmap& submap = submaps_[id];
   submap.refined = std::move(refined);
+  Session& session = SessionOf(*submap.refined);
+  if (session.camera == nullptr) session.camera = submap.refined->camera;
+  session.submaps.push_back(id);
+  submap.camera = session.camera;
   SetComponent(id, ComponentId(id.value()));
   submap.link = link;
   if (link) submaps_.at(link->a).successor = id;
@@ -116,6 +130,7 @@ void MapModel::Restore(const PlacedSubmap& placed, const std::optional<SubmapRel
   SetComponent(placed.refined->id, placed.component);
   submap.world_from_submap = placed.world_from_submap;
   submap.world_from_camera = placed.world_from_camera;
+  if (placed.camera != nullptr) SetCameraModel(placed.refined->id, placed.camera);
   AttachLandmarks(placed.refined->id);
 }
 

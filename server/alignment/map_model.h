@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "server/alignment/landmark_sight.h"
@@ -66,6 +67,8 @@ struct ModelSubmap {
   ComponentId component;
   Similarity3 world_from_submap;
   std::vector<Rigid3> world_from_camera;
+  // refined->camera with the lens as the map has found it; one for all submaps of the session.
+  std::shared_ptr<const CameraModel> camera;
   // Connected neighbours of the session; the shared keyframe is the predecessor's last and this
   // one's first.
   std::optional<SubmapRelation> link;  // a: the predecessor
@@ -84,6 +87,7 @@ struct PlacedSubmap {
   ComponentId component;
   Similarity3 world_from_submap;
   std::vector<Rigid3> world_from_camera;  // parallel to the keyframes
+  std::shared_ptr<const CameraModel> camera;  // null: refined->camera
 };
 
 // Thread-compatible value. Ids of submaps that are passed in are in the model.
@@ -126,6 +130,8 @@ class MapModel {
   std::pair<SubmapId, int> CameraOf(SubmapId id, int keyframe) const;
   // Sets a camera's pose, in both submaps for a shared one. (id, keyframe) is a CameraOf().
   void SetCamera(SubmapId id, int keyframe, const Rigid3& world_from_camera);
+  // The lens of a session, whose submaps this is one of, from now on.
+  void SetCameraModel(SubmapId id, std::shared_ptr<const CameraModel> camera);
   void SetLandmark(int index, const Eigen::Vector3d& point_in_world) {
     landmarks_[index].point_in_world = point_in_world;
   }
@@ -140,6 +146,11 @@ class MapModel {
   static int LandmarkIndex(const RefinedSubmap& refined, TrackId track);
 
  private:
+  struct Session {
+    std::shared_ptr<const CameraModel> camera;
+    std::vector<SubmapId> submaps;
+  };
+
   ModelSubmap& Insert(std::shared_ptr<const RefinedSubmap> refined,
                       const std::optional<SubmapRelation>& link);
   void CollectSights(ModelSubmap* submap) const;
@@ -148,10 +159,12 @@ class MapModel {
   void Unite(int into, int from);
   int NewLandmark();
   void SetComponent(SubmapId id, ComponentId component);
+  Session& SessionOf(const RefinedSubmap& refined);
 
   MapModelOptions options_;
   std::map<SubmapId, ModelSubmap> submaps_;
   std::map<ComponentId, std::set<SubmapId>> members_;
+  std::map<std::pair<AgentId, SessionId>, Session> sessions_;
   std::vector<ModelLandmark> landmarks_;
   std::vector<int> free_landmarks_;
 };

@@ -178,8 +178,7 @@ class Relaxation {
       const Eigen::Matrix3d camera_from_world =
           world_from_camera.rotation.conjugate().toRotationMatrix();
       Matrix23d jacobian;
-      const auto pixel =
-          submap.refined->camera->Project(camera_from_world * from_camera, &jacobian);
+      const auto pixel = submap.camera->Project(camera_from_world * from_camera, &jacobian);
       if (!pixel) return;
       const double inverse_sigma = 1.0 / observation.sigma_px;
       const Eigen::Vector2d error = (*pixel - observation.pixel.cast<double>()) * inverse_sigma;
@@ -352,8 +351,8 @@ class Relaxation {
         if (!linear.used[i++]) return;
         const Rigid3 moved =
             changes_[body][sight.keyframe] * submap.world_from_camera[sight.keyframe];
-        const auto pixel = submap.refined->camera->Project(moved.rotation.conjugate() *
-                                                           (point - moved.translation));
+        const auto pixel =
+            submap.camera->Project(moved.rotation.conjugate() * (point - moved.translation));
         cost += RobustCost(
             pixel
                 ? ((*pixel - observation.pixel.cast<double>()) / observation.sigma_px).squaredNorm()

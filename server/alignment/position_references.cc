@@ -122,7 +122,7 @@ std::optional<PositionTerm> TermOfPass(const PositionReferenceOptions& options,
   std::vector<TrackSight> sights;
   for (const SurveyedPoint::Sight& sight : pass) {
     const ModelSubmap& submap = model.submap(sight.submap);
-    sights.push_back({{submap.world_from_camera[sight.keyframe], submap.refined->camera.get()},
+    sights.push_back({{submap.world_from_camera[sight.keyframe], submap.camera.get()},
                       sight.pixel,
                       sight.sigma_px});
   }

@@ -98,8 +98,8 @@ Status MapFuserOptions::Validate() const {
 
 void RestoreMap(const MapSnapshot& snapshot, MapAligner* aligner) {
   for (const auto& state : snapshot.submaps) {
-    aligner->RestoreSubmap(
-        {state->refined, state->component, state->world_from_submap, state->world_from_camera});
+    aligner->RestoreSubmap({state->refined, state->component, state->world_from_submap,
+                            state->world_from_camera, state->camera});
   }
   for (const ComponentState& component : snapshot.components) {
     if (IsInSite(component)) {
@@ -136,7 +136,7 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
       if (!s.inlier) continue;
       const Rigid3& pose = submap.world_from_camera[s.keyframe];
       if (!from_first_camera) from_first_camera = landmark.point_in_world - pose.translation;
-      AddInformation(pose, *submap.refined->camera, landmark.point_in_world,
+      AddInformation(pose, *submap.camera, landmark.point_in_world,
                      submap.refined->raw->keyframes[s.keyframe].observations[s.observation],
                      &information);
       ++fused.observation_count;
@@ -167,6 +167,7 @@ std::shared_ptr<const SubmapState> MapFuser::FuseSubmap(const MapAligner& aligne
   state->world_from_submap = submap.world_from_submap;
   state->covariance = aligner.Covariance(id);
   state->world_from_camera = submap.world_from_camera;
+  state->camera = submap.camera;
   for (size_t i = 0; i < submap.landmarks.size(); ++i) {
     const ModelLandmark& landmark = model.landmarks()[submap.landmarks[i]];
     if (landmark.sights.front() != LandmarkSight{id, submap.refined->landmarks[i].track}) continue;
@@ -213,6 +214,7 @@ std::shared_ptr<const SubmapState> MapFuser::MoveState(const MapAligner& aligner
   state->world_from_submap = submap.world_from_submap;
   state->covariance = aligner.Covariance(id);
   state->world_from_camera = submap.world_from_camera;
+  state->camera = submap.camera;
   const Similarity3 change = submap.world_from_submap * previous.world_from_submap.Inverse();
   const Eigen::Matrix3d turn = change.scale * change.rotation.toRotationMatrix();
   for (FusedLandmark& landmark : state->landmarks) {

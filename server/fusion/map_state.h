@@ -41,6 +41,8 @@ struct SubmapState {
   Matrix7d covariance = Matrix7d::Zero();
   // Adjusted camera poses in the world, parallel to refined->raw->keyframes.
   std::vector<Rigid3> world_from_camera;
+  // refined->camera with the lens as the map has found it.
+  std::shared_ptr<const CameraModel> camera;
   // The fused landmarks whose oldest sight is in this submap, ascending id.
   std::vector<FusedLandmark> landmarks;
   // Map version at which this submap last moved.

@@ -71,9 +71,9 @@ StatusOr<std::shared_ptr<const SubmapState>> ReadState(const SqliteStatement& ro
   auto state = std::make_shared<SubmapState>();
   state->component = ComponentId(row.ColumnInteger(1));
   state->moved_at_version = static_cast<uint64_t>(row.ColumnInteger(2));
-  PORTOLAN_RETURN_IF_ERROR(DecodePose(row.ColumnBytes(3), state.get()));
   PORTOLAN_ASSIGN_OR_RETURN(state->landmarks, DecodeLandmarks(row.ColumnBytes(4)));
   PORTOLAN_ASSIGN_OR_RETURN(state->refined, ReadRefined(row, 5, *stored->second));
+  PORTOLAN_RETURN_IF_ERROR(DecodePose(row.ColumnBytes(3), state.get()));
   if (state->world_from_camera.size() != stored->second->submap->keyframes.size()) {
     return absl::DataLossError(absl::StrCat("keyframe poses of submap ", row.ColumnInteger(0)));
   }

@@ -21,6 +21,24 @@ bool IsSound(const Rigid3& rigid) {
   return rigid.translation.allFinite() && std::abs(rigid.rotation.norm() - 1) < 1e-3;
 }
 
+// k1 and k2 of the lens as the map has found it, less the user's.
+Eigen::Vector2d AddedRadial(const SubmapState& state) {
+  if (state.camera == nullptr || state.refined->camera == nullptr) return Eigen::Vector2d::Zero();
+  const auto& now = state.camera->intrinsics().coefficients;
+  const auto& nominal = state.refined->camera->intrinsics().coefficients;
+  return {now[0] - nominal[0], now[1] - nominal[1]};
+}
+
+Status SetCamera(const Eigen::Vector2d& radial, SubmapState* state) {
+  state->camera = state->refined == nullptr ? nullptr : state->refined->camera;
+  if (!radial.allFinite()) return Damaged("a submap's lens");
+  if (radial.isZero(0) || state->camera == nullptr) return absl::OkStatus();
+  auto camera = state->refined->camera->WithRadial(radial);
+  if (!camera.ok()) return Damaged("a submap's lens");
+  state->camera = std::make_shared<const CameraModel>(*std::move(camera));
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 std::string EncodeRefined(const RefinedSubmap& refined) {
@@ -65,6 +83,9 @@ std::string EncodePose(const SubmapState& state) {
   writer.WriteSymmetric<7>(state.covariance);
   writer.Write(static_cast<uint32_t>(state.world_from_camera.size()));
   for (const Rigid3& pose : state.world_from_camera) writer.WriteRigid(pose);
+  const Eigen::Vector2d radial = AddedRadial(state);
+  writer.Write(radial.x());
+  writer.Write(radial.y());
   return writer.Take();
 }
 
@@ -78,6 +99,10 @@ Status DecodePose(std::string_view bytes, SubmapState* state) {
     if (!IsSound(pose)) return Damaged("a submap's keyframes");
   }
   const double scale = state->world_from_submap.scale;
+  Eigen::Vector2d radial;
+  radial.x() = reader.Read<double>();
+  radial.y() = reader.Read<double>();
+  PORTOLAN_RETURN_IF_ERROR(SetCamera(radial, state));
   if (!reader.AtEnd() || !IsSound(state->world_from_submap.Rigid()) || !(scale > 0) ||
       !std::isfinite(scale)) {
     return Damaged("a submap's pose");

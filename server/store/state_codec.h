@@ -16,7 +16,8 @@ std::string EncodeRefined(const RefinedSubmap& refined);
 // Fills the same fields; the number of poses must be that of refined->raw->keyframes.
 Status DecodeRefined(std::string_view bytes, RefinedSubmap* refined);
 
-// submap_state.pose: world_from_submap, covariance, world_from_camera.
+// submap_state.pose: world_from_submap, covariance, world_from_camera, camera. The camera is
+// told against state->refined->camera.
 std::string EncodePose(const SubmapState& state);
 Status DecodePose(std::string_view bytes, SubmapState* state);
 

@@ -50,6 +50,31 @@ TEST(LocalAdjustment, ExactPixelsMakeUpForDriftingOdometry) {
   EXPECT_GT(window.scale(), 5.0);
 }
 
+// The calibration is several pixels off at the corners, and after the first window no longer.
+TEST(LocalAdjustment, WrongLensIsFound) {
+  const MovingCamera scene;
+  const CameraModel wrong = scene.camera().WithRadial({-0.05, 0.02}).value();
+  const Eigen::Vector2d corner(wrong.width_px() - 1, wrong.height_px() - 1);
+  const Eigen::Vector3d ray = *scene.camera().Unproject(corner);
+  EXPECT_GT((*wrong.Project(ray) - corner).norm(), 3);
+  const auto turned_by = [&](int max_lens_windows, double* corner_error) {
+    LocalAdjustmentOptions options;
+    options.max_lens_windows = max_lens_windows;
+    LocalAdjustment window(options, wrong);
+    const std::vector<Rigid3> poses = Drive(scene, 300, DriftingOdometry(0), &window);
+    *corner_error = (*window.camera().Project(ray) - corner).norm();
+    const Rigid3 motion = poses[150].Inverse() * poses[300];
+    const Rigid3 truth =
+        MovingCamera::WorldFromCamera(150).Inverse() * MovingCamera::WorldFromCamera(300);
+    return motion.rotation.angularDistance(truth.rotation);
+  };
+  double corner_with = 0, corner_without = 0;
+  const double with = turned_by(12, &corner_with), without = turned_by(0, &corner_without);
+  EXPECT_LT(corner_with, 0.5);
+  EXPECT_GT(corner_without, 3);
+  EXPECT_LT(with, 0.5 * without);
+}
+
 TEST(LocalAdjustment, HeldKeyframesPutTheWindowInTheirFrame) {
   const MovingCamera scene;
   LocalAdjustment window({}, scene.camera());

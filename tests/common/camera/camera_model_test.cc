@@ -90,6 +90,29 @@ TEST_P(CameraModelTest, JacobianEqualsNumericDerivative) {
   }
 }
 
+TEST_P(CameraModelTest, RadialDerivativeEqualsNumericDerivative) {
+  std::mt19937 generator(5);
+  std::uniform_real_distribution<double> x(0, camera_.width_px() - 1);
+  std::uniform_real_distribution<double> y(0, camera_.height_px() - 1);
+  for (int i = 0; i < 200; ++i) {
+    const auto bearing = camera_.Unproject({x(generator), y(generator)});
+    ASSERT_TRUE(bearing);
+    const Vector3d point = 3 * *bearing;
+    const Eigen::MatrixXd numeric = NumericJacobian(
+        Eigen::VectorXd::Zero(2),
+        [&](const Eigen::VectorXd& added) {
+          return camera_.WithRadial(added.head<2>()).value().Project(point).value();
+        },
+        1e-4);
+    EXPECT_THAT(camera_.DPixelDRadial(point), NearMatrix(numeric, 1e-6 * camera_.mean_focal_px()));
+  }
+  EXPECT_TRUE(camera_.DPixelDRadial({0.1, 0.2, -1}).isZero());
+}
+
+TEST_P(CameraModelTest, RadialDistortionThatFoldsIsRefused) {
+  EXPECT_FALSE(camera_.WithRadial({-5, 0}).ok());
+}
+
 TEST_P(CameraModelTest, JacobianHoldsAtTheOpticalAxisAndTheCorners) {
   const double right = camera_.width_px() - 1, bottom = camera_.height_px() - 1;
   std::vector<Vector3d> points = {{0, 0, 2}, {1e-12, -2e-12, 2}, {1e-7, 1e-7, 2}, {1e-4, 0, 2}};

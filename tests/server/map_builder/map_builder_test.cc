@@ -53,6 +53,48 @@ TEST(MapBuilder, LoopIsClosed) {
   EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.012);
 }
 
+// The server is told a lens that is several pixels off at the corners.
+TEST(MapBuilder, WrongLensIsFoundAndKept) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 4.5, 7, 1.5}};
+  SyntheticMission mission = MakeSyntheticMission(options);
+  const CameraModel truth = *mission.camera;
+  mission.camera = std::make_shared<const CameraModel>(truth.WithRadial({0.05, -0.02}).value());
+  MapBuilderOptions held;
+  held.aligner.adjuster.min_lens_keyframes = 0;
+  const auto without = MakeBuilder(held);
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, without.get());
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  const auto snapshot = builder->snapshot();
+  const double error = KeyframeRms(mission, *snapshot, ComponentId(1));
+  EXPECT_LT(error, 0.5 * KeyframeRms(mission, *without->snapshot(), ComponentId(1)));
+  const Eigen::Vector2d corner(truth.width_px() - 1, truth.height_px() - 1);
+  const Eigen::Vector3d ray = *truth.Unproject(corner);
+  EXPECT_GT((*mission.camera->Project(ray) - corner).norm(), 3);
+  for (const auto& state : snapshot->submaps) {
+    EXPECT_LT((*state->camera->Project(ray) - corner).norm(), 1);
+  }
+}
+
+TEST(MapBuilder, LensOfTheSessionIsKnownToANewSubmapOfAContinuedMap) {
+  const SyntheticMission mission = MakeSyntheticMission({});
+  const auto found =
+      std::make_shared<const CameraModel>(mission.camera->WithRadial({0.05, -0.02}).value());
+  const auto first = MakeBuilder();
+  IntegrateMission(mission, 0, 3, false, first.get());
+  auto snapshot = std::make_shared<MapSnapshot>(*first->snapshot());
+  for (auto& state : snapshot->submaps) {
+    auto changed = std::make_shared<SubmapState>(*state);
+    changed->camera = found;
+    state = changed;
+  }
+  const auto continued = MakeBuilder();
+  continued->Restore(snapshot);
+  IntegrateMission(mission, 3, 4, false, continued.get());
+  EXPECT_NE(continued->snapshot()->submaps.back()->camera, mission.camera);
+}
+
 TEST(MapBuilder, ThreeAgentsBecomeOneComponent) {
   const SyntheticMission mission = MakeSyntheticMission(ThreeAgents());
   const auto builder = MakeBuilder();

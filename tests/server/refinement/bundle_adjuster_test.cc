@@ -2,10 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <atomic>
 #include <memory>
 #include <random>
 
+#include "common/bundle/bundle_solver.h"
 #include "tests/support/test_cameras.h"
 
 namespace portolan {
@@ -143,6 +145,73 @@ TEST_F(BundleAdjusterTest, HeldPointsAndCamerasStay) {
       EXPECT_EQ(own.points[i].point_in_world, problem_.points[i].point_in_world);
     }
   }
+}
+
+// The pixels are those of camera_; the problem is told a lens that is 12 px off at the corners.
+class LensTest : public BundleAdjusterTest {
+ protected:
+  LensTest() {
+    const auto wrong = camera_->WithRadial({-0.06, 0.03});
+    nominal_ = std::make_shared<const CameraModel>(wrong.value());
+    for (BundleCamera& camera : problem_.cameras) camera.model = nominal_.get();
+  }
+
+  void FreeLens() {
+    problem_.lenses.push_back(MakeLens(nominal_, *nominal_, 5.0));
+    for (BundleCamera& camera : problem_.cameras) camera.lens = 0;
+  }
+
+  double CornerErrorPx(const CameraModel& model) const {
+    const Eigen::Vector2d corner(camera_->width_px() - 1, camera_->height_px() - 1);
+    return (*model.Project(*camera_->Unproject(corner)) - corner).norm();
+  }
+
+  std::shared_ptr<const CameraModel> nominal_;
+};
+
+TEST_F(LensTest, IsFoundWithTheCameras) {
+  BundleProblem held = problem_;
+  AdjustBundle({}, nullptr, &held);
+  FreeLens();
+  ASSERT_TRUE(AdjustBundle({}, nullptr, &problem_).usable);
+  EXPECT_EQ(problem_.cameras[0].model, problem_.lenses[0].model.get());
+  EXPECT_LT(CornerErrorPx(*problem_.lenses[0].model), 0.5 * CornerErrorPx(*nominal_));
+  EXPECT_LT(LargestError(problem_), 0.5 * LargestError(held));
+}
+
+TEST_F(LensTest, DenseAndSparseSolversAgree) {
+  FreeLens();
+  BundleProblem dense = problem_, sparse = problem_;
+  const BundleSummary of_dense = AdjustBundle(Exact(Kind::kDense), nullptr, &dense);
+  const BundleSummary of_sparse = AdjustBundle(Exact(Kind::kSparse), nullptr, &sparse);
+  EXPECT_NEAR(of_dense.final_cost, of_sparse.final_cost, 1e-6 * of_dense.final_cost);
+  EXPECT_LT((dense.lenses[0].deviation - sparse.lenses[0].deviation).norm(), 1e-5);
+}
+
+// A lens that the prior holds firmly is as good as none.
+TEST_F(LensTest, FirmPriorHoldsIt) {
+  BundleProblem held = problem_;
+  const BundleSummary of_held = AdjustBundle(Exact(Kind::kDense), nullptr, &held);
+  FreeLens();
+  problem_.lenses[0].sqrt_information *= 1e6;
+  const BundleSummary summary = AdjustBundle(Exact(Kind::kDense), nullptr, &problem_);
+  EXPECT_NEAR(summary.final_cost, of_held.final_cost, 1e-4 * of_held.final_cost);
+  EXPECT_LT(problem_.lenses[0].deviation.norm(), 1e-6);
+}
+
+TEST_F(LensTest, CovarianceIsThatOfTheDeviation) {
+  FreeLens();
+  ASSERT_TRUE(AdjustBundle({}, nullptr, &problem_).usable);
+  const auto covariance = LensCovariance({}, problem_, 0);
+  ASSERT_TRUE(covariance);
+  EXPECT_NEAR((*covariance)(0, 1), (*covariance)(1, 0), 1e-6 * covariance->norm());
+  const Eigen::Vector2d error = problem_.lenses[0].deviation - Eigen::Vector2d(0.06, -0.03);
+  // 99.9 % of chi-square with two degrees of freedom.
+  EXPECT_LT(error.dot(covariance->inverse() * error), 13.8);
+  const Eigen::Matrix2d prior =
+      (problem_.lenses[0].sqrt_information.transpose() * problem_.lenses[0].sqrt_information)
+          .inverse();
+  EXPECT_LT(covariance->trace(), 0.5 * prior.trace());
 }
 
 TEST_F(BundleAdjusterTest, InterruptedAtOnceMovesNothing) {

@@ -6,6 +6,7 @@
 
 #include "server/store/blob.h"
 #include "tests/server/store/store_test_util.h"
+#include "tests/support/test_cameras.h"
 
 namespace portolan {
 namespace {
@@ -45,6 +46,25 @@ TEST(StateCodec, RefinedSubmapRoundTrips) {
   EXPECT_EQ(decoded.landmarks[3].covariance, state->refined->landmarks[3].covariance);
   decoded.raw = MakeStored(2).submap;
   EXPECT_FALSE(DecodeRefined(bytes, &decoded).ok()) << "other number of keyframes";
+}
+
+TEST(StateCodec, LensIsKept) {
+  const auto camera =
+      std::make_shared<const CameraModel>(CameraModel::Create(SubmapTestCamera()).value());
+  auto refined = std::make_shared<RefinedSubmap>();
+  refined->camera = camera;
+  SubmapState state;
+  state.refined = refined;
+  state.camera = std::make_shared<const CameraModel>(camera->WithRadial({0.01, -0.02}).value());
+  SubmapState decoded;
+  decoded.refined = refined;
+  ASSERT_TRUE(DecodePose(EncodePose(state), &decoded).ok());
+  ASSERT_NE(decoded.camera, nullptr);
+  EXPECT_NEAR(decoded.camera->intrinsics().coefficients[1],
+              state.camera->intrinsics().coefficients[1], 1e-15);
+  state.camera = camera;
+  ASSERT_TRUE(DecodePose(EncodePose(state), &decoded).ok());
+  EXPECT_EQ(decoded.camera, camera);
 }
 
 TEST(StateCodec, DamagedBlobsAreErrors) {

@@ -1,0 +1,59 @@
+// LocalAdjustment's part that looks for the lens.
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <cmath>
+#include <memory>
+
+#include "agent/local_adjustment/local_adjustment.h"
+#include "common/bundle/bundle_parameters.h"
+#include "common/bundle/bundle_solver.h"
+
+namespace portolan {
+namespace {
+
+// What is not known of k1 and k2 moves a pixel at the image's corner so far.
+double LensSigmaPx(const CameraModel& camera, const Eigen::Matrix2d& covariance) {
+  const auto corner = camera.Unproject({camera.width_px() - 1.0, camera.height_px() - 1.0});
+  if (!corner) return 0;
+  const Eigen::Matrix2d d_radial = camera.DPixelDRadial(*corner);
+  return std::sqrt((d_radial * covariance * d_radial.transpose()).trace());
+}
+
+}  // namespace
+
+// Of successive windows, each with keyframes of its own, what they say is independent.
+void LocalAdjustment::AdjustLens() {
+  keyframes_since_lens_ = 0;
+  const int first = static_cast<int>(keyframes_.size()) - options_.max_keyframes;
+  BundleProblem problem;
+  const std::vector<TrackId> tracks = MakeProblem(first, first + 1, &problem);
+  if (tracks.empty()) return;
+  lens_.model = std::make_shared<const CameraModel>(camera_);
+  problem.lenses.push_back(lens_);
+  for (BundleCamera& camera : problem.cameras) {
+    camera.lens = 0;
+    camera.model = lens_.model.get();
+  }
+  BundleOptions bundle = options_.bundle;
+  bundle.max_iterations = options_.max_start_iterations;
+  BundleParameters parameters(problem);
+  if (!SolveBundle(bundle, problem, nullptr, &parameters).usable) return;
+  parameters.WriteTo(bundle, &problem);
+  const auto covariance = LensCovariance(bundle, problem, 0);
+  if (!covariance || !(covariance->determinant() > 0)) return;
+  const bool is_first = lens_windows_++ == 0;
+  const Eigen::Matrix2d known = lens_.sqrt_information.transpose() * lens_.sqrt_information;
+  const double share = 1 / (options_.lens_noise_factor * options_.lens_noise_factor);
+  const Eigen::Matrix2d information = (1 - share) * known + share * covariance->inverse();
+  lens_.sqrt_information = information.llt().matrixU();
+  camera_ = *problem.lenses[0].model;
+  lens_.deviation.setZero();  // from what is believed now
+  if (LensSigmaPx(camera_, information.inverse()) < options_.lens_known_px) {
+    lens_windows_ = options_.max_lens_windows;
+  }
+  // The first one corrects the most. Later ones would only let the scale drift: the keyframes that
+  // carry it over are free here.
+  if (is_first && !in_world_) TakeResult(problem, tracks, first);
+}
+
+}  // namespace portolan
