@@ -144,7 +144,8 @@ std::optional<CorrectedSubmap> PoseCorrector::NewestPlaced(uint32_t sequence_num
     if (at == submaps_.end()) return std::nullopt;
     const SubmapRecord& record = at->second;
     if (record.placement && !record.correction.keyframes.empty()) {
-      return CorrectedSubmap{WorldFrame(record).origin, record.correction.keyframes};
+      return CorrectedSubmap{WorldFrame(record).origin, record.correction.keyframes,
+                             record.placement->added_radial};
     }
     if (!record.predecessor_from_submap || current == 0) return std::nullopt;
   }

@@ -39,6 +39,8 @@ struct PlacedFrame {
 struct CorrectedSubmap {
   PlacedPose origin;  // frame_from_camera unused
   std::vector<CorrectedKeyframe> keyframes;
+  // SubmapPlacement::added_radial.
+  Eigen::Vector2d added_radial = Eigen::Vector2d::Zero();
 };
 
 // Keeps the session's submaps (links, frames, keyframe poses) and the newest correction of each.

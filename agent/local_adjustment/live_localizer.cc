@@ -40,6 +40,8 @@ void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrec
       newest->origin.map_version == held_->map_version) {
     return;
   }
+  // The keyframes' poses are those of this lens.
+  window_.SetLens(newest->added_radial);
   std::vector<LocalAdjustment::KeyframePose> poses;
   for (const CorrectedKeyframe& keyframe : newest->keyframes) {
     poses.push_back({keyframe.time, keyframe.world_from_camera});

@@ -63,6 +63,7 @@ Status LocalAdjustmentOptions::Validate() const {
 
 LocalAdjustment::LocalAdjustment(const LocalAdjustmentOptions& options, const CameraModel& camera)
     : options_(options),
+      calibration_(camera),
       camera_(camera),
       lens_(MakeLens(std::make_shared<const CameraModel>(camera), camera,
                      options.lens_corner_sigma_px)) {}

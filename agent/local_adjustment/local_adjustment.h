@@ -78,6 +78,10 @@ class LocalAdjustment {
   // The frame that was located last is a keyframe.
   void AddKeyframe(Timestamp time);
 
+  // k1 and k2 of the lens as somebody who has seen more has found it, less the calibration's; the
+  // window no longer looks for it by itself. Zero, or a lens that cannot be, changes nothing.
+  void SetLens(const Eigen::Vector2d& added_radial);
+
   // Known poses of keyframes, in ascending time and another frame, which becomes the window's. They
   // are held from now on, older keyframes forgotten, younger ones follow. False, and nothing
   // changes, if fewer than two of them are kept.
@@ -130,6 +134,7 @@ class LocalAdjustment {
   double SceneDepth() const;
 
   const LocalAdjustmentOptions options_;
+  const CameraModel calibration_;
   // Its lens changes.
   CameraModel camera_;
   // Its prior: what is believed of it after the windows before.

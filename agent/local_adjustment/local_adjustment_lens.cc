@@ -21,6 +21,14 @@ double LensSigmaPx(const CameraModel& camera, const Eigen::Matrix2d& covariance)
 
 }  // namespace
 
+void LocalAdjustment::SetLens(const Eigen::Vector2d& added_radial) {
+  if (added_radial.isZero(0)) return;
+  const auto camera = calibration_.WithRadial(added_radial);
+  if (!camera.ok()) return;
+  camera_ = *camera;
+  lens_windows_ = options_.max_lens_windows;
+}
+
 // Of successive windows, each with keyframes of its own, what they say is independent.
 void LocalAdjustment::AdjustLens() {
   keyframes_since_lens_ = 0;

@@ -25,6 +25,8 @@ struct SubmapPlacement {
   // world_from_camera = world_from_submap * adjusted_submap_from_camera. Empty, or as many as the
   // submap has keyframes.
   std::vector<Rigid3> adjusted_submap_from_camera;
+  // k1 and k2 of the session's lens as the map has found it, less the calibration's.
+  Eigen::Vector2d added_radial = Eigen::Vector2d::Zero();
 };
 
 struct MapCorrection {

@@ -16,6 +16,7 @@ constexpr int kTangentSize = 7;
 constexpr double kMaxVariance = 1e24;
 // What is sent for larger ones: below the limit as a float, too.
 constexpr double kLargestSentVariance = 9e23;
+constexpr double kMaxAddedRadial = 1000;
 // The first that knows PoseColumns.
 constexpr uint32_t kPoseColumnsVersion = 2;
 
@@ -44,6 +45,24 @@ StatusOr<std::vector<Rigid3>> AdjustedPoses(const v1::SubmapCorrection& message,
   return poses;
 }
 
+StatusOr<Eigen::Vector2d> AddedRadial(const v1::SubmapCorrection& message,
+                                      const std::string& where) {
+  Eigen::Vector2d added = Eigen::Vector2d::Zero();
+  if (message.added_radial().empty()) return added;
+  if (message.added_radial_size() != 2) {
+    return absl::InvalidArgumentError(absl::StrCat(where, ".added_radial: not 2 numbers"));
+  }
+  for (int i = 0; i < 2; ++i) {
+    added[i] = message.added_radial(i);
+    // Written so that NaN fails.
+    if (!(std::abs(added[i]) <= kMaxAddedRadial)) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(where, ".added_radial: too large or not finite"));
+    }
+  }
+  return added;
+}
+
 StatusOr<SubmapPlacement> PlacementFromProto(const v1::SubmapCorrection& message,
                                              const std::string& where) {
   SubmapPlacement placement;
@@ -68,6 +87,7 @@ StatusOr<SubmapPlacement> PlacementFromProto(const v1::SubmapCorrection& message
     }
   }
   PORTOLAN_ASSIGN_OR_RETURN(placement.adjusted_submap_from_camera, AdjustedPoses(message, where));
+  PORTOLAN_ASSIGN_OR_RETURN(placement.added_radial, AddedRadial(message, where));
   return placement;
 }
 
@@ -86,6 +106,9 @@ void ToProto(const MapCorrection& correction, uint32_t protocol_version, v1::Cor
       const double variance = placement.covariance_diagonal[i];
       const bool is_sound = variance >= 0 && variance < kLargestSentVariance;
       m->add_covariance_diagonal(static_cast<float>(is_sound ? variance : kLargestSentVariance));
+    }
+    if (!placement.added_radial.isZero(0)) {
+      for (const double added : placement.added_radial) m->add_added_radial(added);
     }
     if (protocol_version < kPoseColumnsVersion) {
       for (const Rigid3& pose : placement.adjusted_submap_from_camera) {

@@ -56,6 +56,7 @@ SubmapPlacement MakePlacement(const SubmapState& state, const MapSnapshot& snaps
   for (const Rigid3& world_from_camera : state.world_from_camera) {
     placement.adjusted_submap_from_camera.push_back(submap_from_world * world_from_camera);
   }
+  placement.added_radial = AddedRadial(state);
   return placement;
 }
 

@@ -49,6 +49,14 @@ struct SubmapState {
   uint64_t moved_at_version = 0;
 };
 
+// k1 and k2 of the submap's lens as the map has found it, less the calibration's.
+inline Eigen::Vector2d AddedRadial(const SubmapState& state) {
+  if (state.camera == nullptr || state.refined->camera == nullptr) return Eigen::Vector2d::Zero();
+  const auto& now = state.camera->intrinsics().coefficients;
+  const auto& nominal = state.refined->camera->intrinsics().coefficients;
+  return {now[0] - nominal[0], now[1] - nominal[1]};
+}
+
 struct ComponentState {
   ComponentId id;  // value of its oldest submap's SubmapId
   bool metric = false;

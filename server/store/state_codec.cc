@@ -21,14 +21,6 @@ bool IsSound(const Rigid3& rigid) {
   return rigid.translation.allFinite() && std::abs(rigid.rotation.norm() - 1) < 1e-3;
 }
 
-// k1 and k2 of the lens as the map has found it, less the user's.
-Eigen::Vector2d AddedRadial(const SubmapState& state) {
-  if (state.camera == nullptr || state.refined->camera == nullptr) return Eigen::Vector2d::Zero();
-  const auto& now = state.camera->intrinsics().coefficients;
-  const auto& nominal = state.refined->camera->intrinsics().coefficients;
-  return {now[0] - nominal[0], now[1] - nominal[1]};
-}
-
 Status SetCamera(const Eigen::Vector2d& radial, SubmapState* state) {
   state->camera = state->refined == nullptr ? nullptr : state->refined->camera;
   if (!radial.allFinite()) return Damaged("a submap's lens");

@@ -75,6 +75,24 @@ TEST(LocalAdjustment, WrongLensIsFound) {
   EXPECT_LT(with, 0.5 * without);
 }
 
+TEST(LocalAdjustment, TakesTheLensThatOthersFound) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  const auto coefficient = [&window] { return window.camera().intrinsics().coefficients[0]; };
+  const double before = scene.camera().intrinsics().coefficients[0];
+  window.SetLens({0, 0});
+  EXPECT_EQ(coefficient(), before);
+  // Folds inside the image.
+  window.SetLens({-50, 0});
+  EXPECT_EQ(coefficient(), before);
+  window.SetLens({0.02, 0});
+  window.SetLens({0.03, 0});
+  EXPECT_NEAR(coefficient(), before + 0.03, 1e-12);
+  // It is not looked for any more.
+  Drive(scene, 120, DriftingOdometry(0), &window);
+  EXPECT_NEAR(coefficient(), before + 0.03, 1e-12);
+}
+
 TEST(LocalAdjustment, HeldKeyframesPutTheWindowInTheirFrame) {
   const MovingCamera scene;
   LocalAdjustment window({}, scene.camera());

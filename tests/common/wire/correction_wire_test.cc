@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <random>
+#include <vector>
 
 #include "common/wire/agent_wire.h"
 #include "common/wire/column_codec.h"
@@ -53,6 +54,29 @@ TEST(CorrectionWire, KeepsCorrections) {
       EXPECT_THAT(actual.adjusted_submap_from_camera[k],
                   NearRigid(expected.adjusted_submap_from_camera[k], 1e-4));
     }
+  }
+}
+
+TEST(CorrectionWire, KeepsTheLens) {
+  MapCorrection correction = Correction(2);
+  correction.submaps[1].added_radial = {0.01, -0.2};
+  v1::Correction message;
+  ToProto(correction, kProtocolVersion, &message);
+  const auto value = FromProto(message);
+  ASSERT_THAT(value, IsOk());
+  EXPECT_TRUE(value->submaps[0].added_radial.isZero(0));
+  EXPECT_EQ(value->submaps[1].added_radial, correction.submaps[1].added_radial);
+}
+
+TEST(CorrectionWire, RefusesALensThatIsNone) {
+  const MapCorrection correction = Correction(1);
+  const std::vector<std::vector<double>> wrong = {
+      {1}, {1, 2, 3}, {0, std::nan("")}, {HUGE_VAL, 0}, {0, -1e4}};
+  for (const std::vector<double>& numbers : wrong) {
+    v1::Correction message;
+    ToProto(correction, kProtocolVersion, &message);
+    for (const double number : numbers) message.mutable_submaps(0)->add_added_radial(number);
+    EXPECT_THAT(FromProto(message).status().message(), HasSubstr("added_radial"));
   }
 }
 
