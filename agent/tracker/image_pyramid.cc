@@ -21,18 +21,22 @@ bool PyramidLevel::Holds(int x0, int y0, int x1, int y1) const {
 }
 
 void ImagePyramid::Build(const cv::Mat& gray, int levels) {
-  padded_.resize(levels + 1);
+  stored_.resize(levels + 1);
   images_.resize(levels + 1);
   cv::Size size = gray.size();
   for (int level = 0; level <= levels; ++level) {
     if (level > 0) size = cv::Size((size.width + 1) / 2, (size.height + 1) / 2);
     if (level > 0 && std::min(size.width, size.height) < kSmallestSidePx) {
-      padded_.resize(level);
+      stored_.resize(level);
       images_.resize(level);
       break;
     }
-    cv::Mat& padded = padded_[level];
-    padded.create(size.height + 2 * kPyramidPaddingPx, size.width + 2 * kPyramidPaddingPx, CV_8UC1);
+    // With a row more, so that one may read beyond the end of the last.
+    const cv::Size padded_size(size.width + 2 * kPyramidPaddingPx,
+                               size.height + 2 * kPyramidPaddingPx);
+    static_assert(kPyramidSlackPx <= 2 * kPyramidPaddingPx);
+    stored_[level].create(padded_size.height + 1, padded_size.width, CV_8UC1);
+    cv::Mat padded = stored_[level].rowRange(0, padded_size.height);
     cv::Mat& image = images_[level];
     image = padded(cv::Rect(cv::Point(kPyramidPaddingPx, kPyramidPaddingPx), size));
     if (level == 0) {
