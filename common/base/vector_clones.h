@@ -22,6 +22,8 @@ namespace portolan {
 // Lanes that are computed at once, for loops that the compiler vectorises badly: one instruction
 // with AVX2, two without. Integers wrap around. Not to be passed to or returned from functions.
 using Byte16 = uint8_t __attribute__((vector_size(16)));
+using Short8 = int16_t __attribute__((vector_size(16)));
+using UShort8 = uint16_t __attribute__((vector_size(16)));
 using Short16 = int16_t __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
 using Float8 = float __attribute__((vector_size(32)));
