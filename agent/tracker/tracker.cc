@@ -48,6 +48,28 @@ struct Motion {
   Eigen::Vector2d shift;
 };
 
+// Pixels to be searched as a whole.
+class PixelList {
+ public:
+  void clear() { x_.clear(), y_.clear(); }
+  void Add(const Eigen::Vector2d& pixel) {
+    x_.push_back(pixel.x());
+    y_.push_back(pixel.y());
+  }
+  bool HasNear(const Eigen::Vector2d& pixel, double distance2) const {
+    // Without an early end, which would keep the loop from being vectorised.
+    int64_t near = 0;
+    for (size_t i = 0; i < x_.size(); ++i) {
+      const double dx = x_[i] - pixel.x(), dy = y_[i] - pixel.y();
+      near |= dx * dx + dy * dy < distance2 ? 1 : 0;
+    }
+    return near != 0;
+  }
+
+ private:
+  std::vector<double> x_, y_;
+};
+
 // Median motion of the nearest tracks; no value if there are too few.
 std::optional<Eigen::Vector2d> LocalMotion(const std::vector<Motion>& motions,
                                            const Eigen::Vector2d& pixel) {
@@ -119,6 +141,7 @@ class Tracker::Impl {
   TrackMap tracks_;
   TrackMap lost_;
   std::vector<TrackedPoint> points_;
+  PixelList kept_;
 };
 
 Eigen::Vector2d Tracker::Impl::Rotated(const Eigen::Vector2d& pixel,
@@ -229,12 +252,15 @@ void Tracker::Impl::Lose(TrackMap::iterator it) {
 
 void Tracker::Impl::DropCollapsed() {
   const double limit = options_.merge_distance_px * options_.merge_distance_px;
+  kept_.clear();
   for (auto younger = tracks_.begin(); younger != tracks_.end();) {
     const Eigen::Vector2d& pixel = younger->second.point.pixel;
-    const bool collapsed = std::any_of(tracks_.begin(), younger, [&](const auto& older) {
-      return (older.second.point.pixel - pixel).squaredNorm() < limit;
-    });
-    younger = collapsed ? tracks_.erase(younger) : std::next(younger);
+    if (kept_.HasNear(pixel, limit)) {
+      younger = tracks_.erase(younger);
+    } else {
+      kept_.Add(pixel);
+      ++younger;
+    }
   }
 }
 
@@ -282,6 +308,7 @@ std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost
     lost_.erase(it);
     revived.push_back(region.track);
   }
+  if (revived.empty()) return revived;
   DropCollapsed();
   Publish();
   std::erase_if(revived, [this](const TrackId& id) { return !tracks_.contains(id); });

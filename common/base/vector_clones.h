@@ -27,6 +27,7 @@ using UShort8 = uint16_t __attribute__((vector_size(16)));
 using Short16 = int16_t __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
 using Float8 = float __attribute__((vector_size(32)));
+using Double4 = double __attribute__((vector_size(32)));
 
 }  // namespace portolan
 
