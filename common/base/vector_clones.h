@@ -24,6 +24,7 @@ namespace portolan {
 using Byte16 = uint8_t __attribute__((vector_size(16)));
 using Short8 = int16_t __attribute__((vector_size(16)));
 using UShort8 = uint16_t __attribute__((vector_size(16)));
+using UShort16 = uint16_t __attribute__((vector_size(32)));
 using Short16 = int16_t __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
 using Float8 = float __attribute__((vector_size(32)));

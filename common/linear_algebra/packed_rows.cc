@@ -213,6 +213,27 @@ PORTOLAN_VECTOR_CLONES void SetToProduct(const PackedRows& w, const Eigen::Vecto
   }
 }
 
+PORTOLAN_VECTOR_CLONES void SubtractProductOfThree(const double* a, const double* b,
+                                                   ptrdiff_t stride, MatrixView p) {
+  const int n = static_cast<int>(p.rows());
+  for (int col = 0; col < n; ++col, ++b) {
+    const double b_0 = b[0], b_1 = b[stride], b_2 = b[2 * stride];
+    int row = col / 4 * 4;
+    double* to = &p(row, col);
+    const double *from_0 = a + row, *from_1 = from_0 + stride, *from_2 = from_1 + stride;
+    for (; row + 4 <= n; row += 4, to += 4, from_0 += 4, from_1 += 4, from_2 += 4) {
+      Double4 a_0, a_1, a_2, sum;
+      std::memcpy(&a_0, from_0, sizeof(a_0));
+      std::memcpy(&a_1, from_1, sizeof(a_1));
+      std::memcpy(&a_2, from_2, sizeof(a_2));
+      std::memcpy(&sum, to, sizeof(sum));
+      sum -= a_0 * b_0 + a_1 * b_1 + a_2 * b_2;
+      std::memcpy(to, &sum, sizeof(sum));
+    }
+    for (; row < n; ++row) *to++ -= *from_0++ * b_0 + *from_1++ * b_1 + *from_2++ * b_2;
+  }
+}
+
 PORTOLAN_VECTOR_CLONES void CombineColumns(const WeightedColumn* columns, int count, int rows,
                                            double* sum_0, double* sum_1) {
   int row = 0;

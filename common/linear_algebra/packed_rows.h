@@ -5,6 +5,7 @@
 #define PORTOLAN_COMMON_LINEAR_ALGEBRA_PACKED_ROWS_H_
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
 #include "common/linear_algebra/dense.h"
@@ -57,6 +58,10 @@ void SolveRight(const PackedRows& l, PackedRows* x);
 void SubtractGram(const PackedRows& w, MatrixView p);
 // The first sum.size() entries of W x.
 void SetToProduct(const PackedRows& w, const Eigen::VectorXd& x, Eigen::Ref<Eigen::VectorXd> sum);
+
+// The lower triangle of p -= A B' for matrices of three columns and as many rows as p, which are
+// `stride` numbers apart; above the diagonal p is spoilt.
+void SubtractProductOfThree(const double* a, const double* b, ptrdiff_t stride, MatrixView p);
 
 // Two linear combinations of columns: sums[k] = sum over i of columns[i] * weights[i][k].
 struct WeightedColumn {

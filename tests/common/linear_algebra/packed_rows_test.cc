@@ -84,6 +84,20 @@ TEST_P(PackedRowsOfSize, MultipliesAVector) {
   EXPECT_EQ(sum[GetParam()], 7);
 }
 
+TEST_P(PackedRowsOfSize, SubtractsAProductFromTheLowerTriangle) {
+  const int size = GetParam();
+  const MatrixXd a = RandomMatrix(size + 3, 3, 1), b = RandomMatrix(size + 3, 3, 2);
+  const MatrixXd start = RandomMatrix(size + 5, size + 5, 3);
+  MatrixXd p = start;
+  SubtractProductOfThree(a.data(), b.data(), size + 3, p.block(2, 1, size, size));
+  const MatrixXd expected =
+      start.block(2, 1, size, size) - a.topRows(size) * b.topRows(size).transpose();
+  const MatrixXd difference = p.block(2, 1, size, size) - expected;
+  EXPECT_LT(MatrixXd(difference.triangularView<Eigen::Lower>()).norm(), 1e-13);
+  p.block(2, 1, size, size) = start.block(2, 1, size, size);
+  EXPECT_THAT(p, NearMatrix(start, 0));  // nothing beyond the block
+}
+
 TEST_P(PackedRowsOfSize, CombinesColumns) {
   const int size = GetParam();
   const MatrixXd columns = RandomMatrix(size, 3, 1), weights = RandomMatrix(3, 2, 2);
