@@ -71,6 +71,7 @@ PORTOLAN_INLINE void SampleLattice(const PyramidLevel& level, const Lattice& lat
   // Two neighbours in the row, and those below, as they follow each other in memory.
   uint16_t top[kArea + kLanes] = {}, bottom[kArea + kLanes] = {};
   const uint8_t* const below = level.origin + level.stride;
+#pragma GCC unroll 4
   for (int i = 0; i < kArea; ++i) {
     std::memcpy(top + i, level.origin + offset[i], sizeof(uint16_t));
     std::memcpy(bottom + i, below + offset[i], sizeof(uint16_t));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <optional>
 #include <unordered_map>
@@ -13,6 +14,7 @@
 #include "agent/tracker/patch_flow.h"
 #include "agent/tracker/patch_search.h"
 #include "agent/tracker/reference_patch.h"
+#include "common/base/vector_clones.h"
 
 namespace portolan {
 namespace {
@@ -48,26 +50,36 @@ struct Motion {
   Eigen::Vector2d shift;
 };
 
-// Pixels to be searched as a whole.
+// Pixels that are searched four at once.
 class PixelList {
  public:
-  void clear() { x_.clear(), y_.clear(); }
+  void clear() { count_ = 0; }
   void Add(const Eigen::Vector2d& pixel) {
-    x_.push_back(pixel.x());
-    y_.push_back(pixel.y());
+    if (count_ % 4 == 0) {
+      if (count_ / 4 == fours_.size()) fours_.emplace_back();
+      // Those that fill up the last four are far from everything.
+      fours_[count_ / 4].x = Double4{} + std::numeric_limits<double>::infinity();
+    }
+    fours_[count_ / 4].x[count_ % 4] = pixel.x();
+    fours_[count_ / 4].y[count_ % 4] = pixel.y();
+    ++count_;
   }
   bool HasNear(const Eigen::Vector2d& pixel, double distance2) const {
-    // Without an early end, which would keep the loop from being vectorised.
-    int64_t near = 0;
-    for (size_t i = 0; i < x_.size(); ++i) {
-      const double dx = x_[i] - pixel.x(), dy = y_[i] - pixel.y();
-      near |= dx * dx + dy * dy < distance2 ? 1 : 0;
+    const double x = pixel.x(), y = pixel.y();
+    Long4 near = {};
+    for (size_t i = 0; 4 * i < count_; ++i) {
+      const Double4 dx = fours_[i].x - x, dy = fours_[i].y - y;
+      near |= dx * dx + dy * dy < distance2;
     }
-    return near != 0;
+    return (near[0] | near[1] | near[2] | near[3]) != 0;
   }
 
  private:
-  std::vector<double> x_, y_;
+  struct Four {
+    Double4 x = {}, y = {};
+  };
+  std::vector<Four> fours_;
+  size_t count_ = 0;
 };
 
 // Median motion of the nearest tracks; no value if there are too few.

@@ -28,6 +28,7 @@ using UShort16 = uint16_t __attribute__((vector_size(32)));
 using Short16 = int16_t __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
 using Float8 = float __attribute__((vector_size(32)));
+using Long4 = int64_t __attribute__((vector_size(32)));
 using Double4 = double __attribute__((vector_size(32)));
 
 }  // namespace portolan
