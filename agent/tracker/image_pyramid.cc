@@ -37,15 +37,14 @@ PORTOLAN_INLINE void AddAlongRow(const uint8_t* row, int width, uint16_t* sums) 
       here = here << 8 | here >> 8;
       after = after << 8 | after >> 8;
     }
-    const UShort16 sum = (before & 255) + (after & 255) + 6 * (here & 255) +
-                         4 * ((before >> 8) + (here >> 8));
+    const UShort16 sum =
+        (before & 255) + (after & 255) + 6 * (here & 255) + 4 * ((before >> 8) + (here >> 8));
     std::memcpy(sums + x, &sum, sizeof(sum));
   }
   for (const int x : {0, count - 1}) {
     int pixel[5];
     for (int i = 0; i < 5; ++i) pixel[i] = row[Mirrored(2 * x + i - 2, width)];
-    sums[x] = static_cast<uint16_t>(pixel[0] + pixel[4] + 6 * pixel[2] +
-                                    4 * (pixel[1] + pixel[3]));
+    sums[x] = static_cast<uint16_t>(pixel[0] + pixel[4] + 6 * pixel[2] + 4 * (pixel[1] + pixel[3]));
   }
 }
 

@@ -115,7 +115,8 @@ PORTOLAN_INLINE bool MakeTemplate(const PyramidLevel& level, const Eigen::Vector
     std::memcpy(&right, row + 1, sizeof(right));
     std::memcpy(&above, row - kRow, sizeof(above));
     std::memcpy(&below, row + kRow, sizeof(below));
-    const Short16 value = inside * here, gx = inside * (right - left), gy = inside * (below - above);
+    const Short16 value = inside * here, gx = inside * (right - left),
+                  gy = inside * (below - above);
     std::memcpy(t->value + v * kRow, &value, sizeof(value));
     std::memcpy(t->gx + v * kRow, &gx, sizeof(gx));
     std::memcpy(t->gy + v * kRow, &gy, sizeof(gy));

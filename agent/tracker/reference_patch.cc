@@ -84,10 +84,10 @@ PORTOLAN_INLINE void SampleLattice(const PyramidLevel& level, const Lattice& lat
     std::memcpy(&fx, fraction_x + i, sizeof(fx));
     std::memcpy(&fy, fraction_y + i, sizeof(fy));
     // At most 255 * 256, so 16 bits hold it, and 24 bits, those of a float, the next sum.
-    const UShort8 above16 = ((t >> kFirstShift) & 255) * (256 - fx) +
-                            ((t >> (8 - kFirstShift)) & 255) * fx;
-    const UShort8 below16 = ((b >> kFirstShift) & 255) * (256 - fx) +
-                            ((b >> (8 - kFirstShift)) & 255) * fx;
+    const UShort8 above16 =
+        ((t >> kFirstShift) & 255) * (256 - fx) + ((t >> (8 - kFirstShift)) & 255) * fx;
+    const UShort8 below16 =
+        ((b >> kFirstShift) & 255) * (256 - fx) + ((b >> (8 - kFirstShift)) & 255) * fx;
     const Float8 above = __builtin_convertvector(__builtin_convertvector(above16, Int8), Float8);
     const Float8 under = __builtin_convertvector(__builtin_convertvector(below16, Int8), Float8);
     const Float8 fraction = __builtin_convertvector(__builtin_convertvector(fy, Int8), Float8);

@@ -94,7 +94,8 @@ PORTOLAN_INLINE bool FactorTile(double* a) {
 PORTOLAN_INLINE void SubtractTile(const Tile& tile, int row, int col, MatrixView& p) {
   double values[kTile * kGroup];
   Store(tile, values);
-  const int rows = std::min<int>(kGroup, p.rows() - row), cols = std::min<int>(kTile, p.cols() - col);
+  const int rows = std::min<int>(kGroup, p.rows() - row),
+            cols = std::min<int>(kTile, p.cols() - col);
   for (int c = 0; c < cols; ++c) {
     double* column = &p(row, col + c);
     for (int r = std::max(0, col + c - row); r < rows; ++r) {

@@ -41,9 +41,7 @@ class PackedRows {
   struct alignas(64) Eight {
     double row[kGroup];
   };
-  size_t Index(int group, int col) const {
-    return static_cast<size_t>(group) * padded_cols_ + col;
-  }
+  size_t Index(int group, int col) const { return static_cast<size_t>(group) * padded_cols_ + col; }
 
   int rows_ = 0, cols_ = 0, groups_ = 0, padded_cols_ = 0;
   std::vector<Eight> values_;

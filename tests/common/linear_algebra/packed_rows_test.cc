@@ -71,8 +71,8 @@ TEST_P(PackedRowsOfSize, SubtractsItsGramFromABlock) {
   block -= w.topRows(size) * w.topRows(size).transpose();
   block.triangularView<Eigen::StrictlyUpper>() = MatrixXd(block).transpose();
   EXPECT_THAT(p, NearMatrix(expected, 1e-13));
-  EXPECT_TRUE((p.block(4, 5, size, size).array() ==
-               p.block(4, 5, size, size).transpose().array()).all());
+  EXPECT_TRUE(
+      (p.block(4, 5, size, size).array() == p.block(4, 5, size, size).transpose().array()).all());
 }
 
 TEST_P(PackedRowsOfSize, MultipliesAVector) {
