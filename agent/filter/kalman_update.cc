@@ -72,8 +72,6 @@ Eigen::Matrix2d PredictedCovariance(const FilterState& state,
 KalmanUpdate::KalmanUpdate(const KalmanUpdateOptions& options, int max_dim, int max_measurements)
     : options_(options),
       pht_(max_dim, 2 * max_measurements),
-      innovation_covariance_(2 * max_measurements, 2 * max_measurements),
-      half_gain_(2 * max_measurements, max_dim),
       innovation_(2 * max_measurements),
       applied_(max_dim),
       correction_(max_dim) {
@@ -87,12 +85,17 @@ void KalmanUpdate::ComputePHt(const FilterState& state,
   const auto p = state.active_covariance();
   for (size_t j = 0; j < measurements.size(); ++j) {
     const LinearMeasurement& m = measurements[j];
-    auto column = pht_.block(0, 2 * j, n, 2);
-    column = p.leftCols<6>().lazyProduct(m.d_pose.transpose());
-    column += p.middleCols<3>(m.landmark_offset).lazyProduct(m.d_landmark.transpose());
-    if (m.anchor_offset != FilterState::kFixed) {
-      column += p.middleCols<3>(m.anchor_offset).lazyProduct(m.d_anchor.transpose());
-    }
+    WeightedColumn columns[12];
+    int count = 0;
+    const auto add = [&](int first, const auto& d_pixel) {
+      for (int i = 0; i < d_pixel.cols(); ++i) {
+        columns[count++] = {p.col(first + i).data(), {d_pixel(0, i), d_pixel(1, i)}};
+      }
+    };
+    add(0, m.d_pose);
+    add(m.landmark_offset, m.d_landmark);
+    if (m.anchor_offset != FilterState::kFixed) add(m.anchor_offset, m.d_anchor);
+    CombineColumns(columns, count, n, &pht_(0, 2 * j), &pht_(0, 2 * j + 1));
   }
 }
 
@@ -120,21 +123,26 @@ bool KalmanUpdate::Solve(const FilterState& state) {
   const int count = static_cast<int>(linear_.size()), n = state.active_dim(), rows = 2 * count;
   ComputePHt(state, linear_);
   const ConstMatrixView pht = pht_.topLeftCorner(n, rows);
-  auto s = innovation_covariance_.topLeftCorner(rows, rows);
-  auto innovation = innovation_.head(rows);
+  factor_.SetZero(rows, rows);
+  // The innovation is a row of its own after the state's.
+  gain_.SetZero(n + 1, rows);
+  gain_.SetTopRows(pht);
   for (int i = 0; i < count; ++i) {
-    for (int j = 0; j <= i; ++j) s.block<2, 2>(2 * i, 2 * j) = TimesPHt(linear_[i], pht, j);
-    s.diagonal().segment<2>(2 * i).array() += linear_[i].variance;
-    innovation.segment<2>(2 * i) = linear_[i].innovation;
+    for (int j = 0; j <= i; ++j) {
+      const Eigen::Matrix2d s = TimesPHt(linear_[i], pht, j);
+      for (int k = 0; k < 4; ++k) factor_(2 * i + k / 2, 2 * j + k % 2) = s(k / 2, k % 2);
+    }
+    for (int k = 2 * i; k < 2 * i + 2; ++k) {
+      factor_(k, k) += linear_[i].variance;
+      gain_(n, k) = linear_[i].innovation[k - 2 * i];
+      if (!std::isfinite(gain_(n, k))) return false;
+    }
   }
-  // S = L L'. W = L^-1 H P and w = L^-1 v give dx = W'w and P - W'W, symmetric by construction.
-  if (!FactorCholesky(s) || !innovation.allFinite()) return false;
-  auto w = half_gain_.topLeftCorner(rows, n);
-  w = pht.transpose();
-  SolveLower(s, w);
-  SolveLower(s, innovation);
-  correction_.head(n).setZero();
-  AddTransposedProduct(1, w, innovation, correction_.head(n));
+  // S = L L'. W = P H' L^-T and w = L^-1 v give dx = W w and P - W W', symmetric by construction.
+  if (!FactorCholesky(&factor_)) return false;
+  SolveRight(factor_, &gain_);
+  innovation_.head(rows) = gain_.Row(n);
+  SetToProduct(gain_, innovation_, correction_.head(n));
   return true;
 }
 
@@ -266,9 +274,11 @@ void KalmanUpdate::UpdatePassive(FilterState* state) {
       row.noalias() += m.d_anchor * factor.middleRows<3>(m.anchor_offset);
     }
   }
-  // L of the last Solve is still in the lower triangle.
-  SolveLower(innovation_covariance_.topLeftCorner(rows, rows), whitened_rows_);
-  state->UpdatePassive(half_gain_.topLeftCorner(rows, n), whitened_rows_, innovation_.head(rows));
+  whitened_.SetZero(n, rows);
+  whitened_.SetTopRows(whitened_rows_.transpose());
+  SolveRight(factor_, &whitened_);
+  state->UpdatePassive(gain_.TopRows(n).transpose(), whitened_.TopRows(n).transpose(),
+                       innovation_.head(rows));
 }
 
 std::optional<double> KalmanUpdate::Apply(std::vector<Match>* matches, const CameraModel& camera,
@@ -284,7 +294,7 @@ std::optional<double> KalmanUpdate::Apply(std::vector<Match>* matches, const Cam
     if (round < options_.max_rejection_rounds && RejectContradicting(matches)) continue;
     const int rows = 2 * static_cast<int>(matches->size());
     if (state->passive_count() > 0) UpdatePassive(state);
-    AddGram(-1, half_gain_.topLeftCorner(rows, n), state->active_covariance());
+    SubtractGram(gain_, state->active_covariance());
     return innovation_.head(rows).squaredNorm();
   }
   state->Correct(-applied_.head(n));

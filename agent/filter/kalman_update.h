@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "agent/filter/filter_state.h"
+#include "common/linear_algebra/packed_rows.h"
 
 namespace portolan {
 
@@ -133,9 +134,12 @@ class KalmanUpdate {
   const KalmanUpdateOptions options_;
   std::vector<LinearMeasurement> linear_;
   Eigen::MatrixXd pht_;
-  Eigen::MatrixXd innovation_covariance_;
-  Eigen::MatrixXd half_gain_;
-  Eigen::MatrixXd whitened_rows_;  // with passive landmarks only
+  // Of the last Solve: L, and W with the whitened innovation as its last row.
+  PackedRows factor_;
+  PackedRows gain_;
+  // With passive landmarks only.
+  Eigen::MatrixXd whitened_rows_;
+  PackedRows whitened_;
   Eigen::VectorXd innovation_;
   // Corrections of the prior state by the last and by the new linearisation.
   Eigen::VectorXd applied_;

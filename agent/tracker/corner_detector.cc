@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <opencv2/features2d.hpp>
 
 #include "agent/tracker/response_map.h"
@@ -27,6 +28,9 @@ double ParabolaPeak(double left, double centre, double right) {
 // Local maxima above a threshold of a response map over `area`; its outermost pixels only compete.
 std::vector<Corner> LocalMaxima(const std::vector<float>& response, const cv::Rect& area,
                                 double min_response) {
+  // The least response that is not below the threshold, to compare it as it is stored.
+  float least = static_cast<float>(min_response);
+  if (least < min_response) least = std::nextafter(least, std::numeric_limits<float>::infinity());
   std::vector<Corner> corners;
   for (int y = 1; y + 1 < area.height; ++y) {
     const float* row = response.data() + static_cast<size_t>(y) * area.width;
@@ -34,7 +38,7 @@ std::vector<Corner> LocalMaxima(const std::vector<float>& response, const cv::Re
     const float* below = row + area.width;
     for (int x = 1; x + 1 < area.width; ++x) {
       const float r = row[x];
-      if (r < min_response || r < row[x - 1] || r <= row[x + 1]) continue;
+      if (r < least || r < row[x - 1] || r <= row[x + 1]) continue;
       if (r < above[x] || r < above[x - 1] || r < above[x + 1]) continue;
       if (r <= below[x] || r <= below[x - 1] || r <= below[x + 1]) continue;
       const Eigen::Vector2d offset(ParabolaPeak(row[x - 1], r, row[x + 1]),

@@ -22,6 +22,8 @@ struct PyramidLevel {
 };
 
 inline constexpr int kPyramidPaddingPx = 24;
+// Bytes that may be read, and mean nothing, to the right of the padding.
+inline constexpr int kPyramidSlackPx = 16;
 
 // Pixel p of the image is pixel p / 2^level of a level (5 x 5 Gaussian, every second pixel). Keeps
 // its buffers from one image to the next. Thread-compatible.
@@ -38,8 +40,8 @@ class ImagePyramid {
   const cv::Mat& image() const { return images_.front(); }
 
  private:
-  std::vector<cv::Mat> padded_;
-  std::vector<cv::Mat> images_;  // views into padded_
+  std::vector<cv::Mat> stored_;  // with the padding
+  std::vector<cv::Mat> images_;  // views into stored_
 };
 
 }  // namespace portolan

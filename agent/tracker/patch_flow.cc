@@ -1,8 +1,10 @@
 #include "agent/tracker/patch_flow.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 
 #include "common/base/vector_clones.h"
@@ -14,6 +16,10 @@ namespace {
 constexpr int kSize = 12;
 constexpr int kBefore = 6;
 constexpr int kArea = kSize * kSize;
+// Rows as they are stored and multiplied, zero beyond the window: whole vectors.
+constexpr int kRow = 16;
+constexpr int kStored = kSize * kRow;
+static_assert(kRow - kSize <= kPyramidSlackPx, "rows are read this far beyond the padding");
 constexpr int kMaxIterations = 8;
 constexpr float kConvergedPx = 0.03f;
 // Least mean squared gradient in the weaker direction, (grey levels/px)^2.
@@ -43,57 +49,85 @@ Lattice LatticeAt(const Eigen::Vector2f& pixel, int before) {
   return {(x >> kWeightBits) - before, (y >> kWeightBits) - before, x & (kOne - 1), y & (kOne - 1)};
 }
 
-// Bilinear samples of an N x N window whose fraction is the same for all pixels. First along the
-// rows, within 16 bits, then between them.
+// Bilinear samples of an N x N window whose fraction is the same for all pixels, in rows of kRow.
+// First along the rows, then between them. All within 16 bits: the row sums are split in quotient
+// and remainder, of which the weights' sum, 2^kWeightBits, makes no more.
 template <int N>
 PORTOLAN_INLINE bool Sample(const PyramidLevel& level, const Lattice& at, int16_t* out) {
   if (!level.Holds(at.x, at.y, at.x + N, at.y + N)) return false;
-  constexpr int kOne = 1 << kWeightBits;
-  constexpr int kHalf = 1 << (kSampleShift - 1);
-  const int16_t right = static_cast<int16_t>(at.wx), left = static_cast<int16_t>(kOne - at.wx);
+  constexpr int16_t kOne = 1 << kWeightBits;
+  constexpr int16_t kHalf = 1 << (kSampleShift - 1);
+  constexpr int kLowBits = kSampleShift - kWeightBits;
+  constexpr int16_t kLow = (1 << kLowBits) - 1;
+  const int16_t wx = static_cast<int16_t>(at.wx);
   const int16_t below = static_cast<int16_t>(at.wy), above = static_cast<int16_t>(kOne - at.wy);
-  int16_t rows[(N + 1) * N];
+  constexpr Short16 kColumn = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+  const Short16 inside = kColumn < static_cast<int16_t>(N);
+  const Short16 right = inside & wx, left = (inside & kOne) - right;
+  Short16 high_above = {}, low_above = {};
   for (int v = 0; v <= N; ++v) {
+    Byte16 pixels, next_pixels;
     const uint8_t* row = level.At(at.x, at.y + v);
-    for (int u = 0; u < N; ++u) {
-      rows[v * N + u] = static_cast<int16_t>(left * row[u] + right * row[u + 1]);
+    std::memcpy(&pixels, row, sizeof(pixels));
+    std::memcpy(&next_pixels, row + 1, sizeof(next_pixels));
+    const Short16 sum = left * __builtin_convertvector(pixels, Short16) +
+                        right * __builtin_convertvector(next_pixels, Short16);
+    const Short16 high = sum >> kLowBits, low = sum & kLow;
+    if (v > 0) {
+      const Short16 rest = (above * low_above + below * low + kHalf) >> kLowBits;
+      const Short16 sample = (above * high_above + below * high + rest) >> kWeightBits;
+      std::memcpy(out + (v - 1) * kRow, &sample, sizeof(sample));
     }
-  }
-  for (int i = 0; i < N * N; ++i) {
-    out[i] = static_cast<int16_t>((above * rows[i] + below * rows[i + N] + kHalf) >> kSampleShift);
+    high_above = high;
+    low_above = low;
   }
   return true;
 }
 
 struct Template {
-  int16_t value[kArea];
-  int16_t gx[kArea];  // central differences: 8 times the gradient per pixel
-  int16_t gy[kArea];
+  int16_t value[kStored];
+  int16_t gx[kStored];  // central differences: 8 times the gradient per pixel
+  int16_t gy[kStored];
   int sum_gx = 0, sum_gy = 0;
   // Inverse of the 2x2 matrix of the gradient products, mean-free.
   float inverse_xx = 0, inverse_xy = 0, inverse_yy = 0;
 };
 
+// One within the window. Sums of plain numbers are products with it, which vectors have an
+// instruction for.
+constexpr auto kInside = [] {
+  std::array<int16_t, kStored> inside{};
+  for (int i = 0; i < kStored; ++i) inside[i] = i % kRow < kSize ? 1 : 0;
+  return inside;
+}();
+
 PORTOLAN_INLINE bool MakeTemplate(const PyramidLevel& level, const Eigen::Vector2f& pixel,
                                   Template* t) {
   constexpr int kGrown = kSize + 2;
-  int16_t grown[kGrown * kGrown];
+  int16_t grown[kGrown * kRow + 2] = {};  // one more, which is read for nothing
   if (!Sample<kGrown>(level, LatticeAt(pixel, kBefore + 1), grown)) return false;
   for (int v = 0; v < kSize; ++v) {
-    const int16_t* row = grown + (v + 1) * kGrown + 1;
-    for (int u = 0; u < kSize; ++u) {
-      t->value[v * kSize + u] = row[u];
-      t->gx[v * kSize + u] = static_cast<int16_t>(row[u + 1] - row[u - 1]);
-      t->gy[v * kSize + u] = static_cast<int16_t>(row[u + kGrown] - row[u - kGrown]);
-    }
+    const int16_t* row = grown + (v + 1) * kRow + 1;
+    Short16 inside, here, left, right, above, below;
+    std::memcpy(&inside, kInside.data(), sizeof(inside));
+    std::memcpy(&here, row, sizeof(here));
+    std::memcpy(&left, row - 1, sizeof(left));
+    std::memcpy(&right, row + 1, sizeof(right));
+    std::memcpy(&above, row - kRow, sizeof(above));
+    std::memcpy(&below, row + kRow, sizeof(below));
+    const Short16 value = inside * here, gx = inside * (right - left),
+                  gy = inside * (below - above);
+    std::memcpy(t->value + v * kRow, &value, sizeof(value));
+    std::memcpy(t->gx + v * kRow, &gx, sizeof(gx));
+    std::memcpy(t->gy + v * kRow, &gy, sizeof(gy));
   }
   int xx = 0, xy = 0, yy = 0, sx = 0, sy = 0;
-  for (int i = 0; i < kArea; ++i) {
+  for (int i = 0; i < kStored; ++i) {
     xx += t->gx[i] * t->gx[i];
     xy += t->gx[i] * t->gy[i];
     yy += t->gy[i] * t->gy[i];
-    sx += t->gx[i];
-    sy += t->gy[i];
+    sx += t->gx[i] * kInside[i];
+    sy += t->gy[i] * kInside[i];
   }
   t->sum_gx = sx;
   t->sum_gy = sy;
@@ -116,12 +150,12 @@ struct Residual {
 
 PORTOLAN_INLINE bool Evaluate(const PyramidLevel& level, const Template& t,
                               const Eigen::Vector2f& pixel, Residual* residual) {
-  int16_t window[kArea];
+  int16_t window[kStored];
   if (!Sample<kSize>(level, LatticeAt(pixel, kBefore), window)) return false;
   int sum = 0, bx = 0, by = 0, squares = 0;
-  for (int i = 0; i < kArea; ++i) {
+  for (int i = 0; i < kStored; ++i) {
     const int16_t difference = static_cast<int16_t>(window[i] - t.value[i]);
-    sum += difference;
+    sum += difference * kInside[i];
     bx += difference * t.gx[i];
     by += difference * t.gy[i];
     squares += difference * difference;

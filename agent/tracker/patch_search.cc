@@ -2,8 +2,10 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
 #include "common/base/vector_clones.h"
@@ -46,18 +48,28 @@ std::optional<Window> MakeWindow(const ReferencePatch& reference,
   return window;
 }
 
+// Sums of plain numbers are products with these, which vectors have an instruction for.
+constexpr auto kOnes = [] {
+  std::array<int16_t, kSide * kRow> ones{};
+  for (int i = 0; i < kSide * kRow; ++i) ones[i] = i % kRow < kSide ? 1 : 0;
+  return ones;
+}();
+
 // The window is mean-free up to rounding, so the image's mean drops out of the product.
 PORTOLAN_INLINE float CorrelationAt(const PyramidLevel& level, const Window& window, int x, int y) {
-  static constexpr int16_t kMask[kRow] = {-1, -1, -1, -1, -1, -1, -1, -1, -1};
-  int sum = 0, squares = 0, product = 0;
+  constexpr Short16 kInside = {1, 1, 1, 1, 1, 1, 1, 1, 1};
+  int16_t values[kSide * kRow];
   for (int v = 0; v < kSide; ++v) {
-    const uint8_t* row = level.At(x - kHalf, y + v - kHalf);
-    for (int u = 0; u < kRow; ++u) {
-      const int16_t value = static_cast<int16_t>(row[u] & kMask[u]);
-      sum += value;
-      squares += value * value;
-      product += value * window.value[v * kRow + u];
-    }
+    Byte16 pixels;
+    std::memcpy(&pixels, level.At(x - kHalf, y + v - kHalf), sizeof(pixels));
+    const Short16 row = __builtin_convertvector(pixels, Short16) * kInside;
+    std::memcpy(values + v * kRow, &row, sizeof(row));
+  }
+  int sum = 0, squares = 0, product = 0;
+  for (int i = 0; i < kSide * kRow; ++i) {
+    sum += values[i] * kOnes[i];
+    squares += values[i] * values[i];
+    product += values[i] * window.value[i];
   }
   const float energy = squares - static_cast<float>(sum) * sum / kArea;
   if (energy < static_cast<float>(kArea)) return 0.0f;

@@ -29,14 +29,6 @@ constexpr double kMinScale = 0.3, kMaxScale = 6.0, kMaxAspect = 3.0;
 // Largest gain of brightness between reference and image, and its inverse.
 constexpr float kMaxGain = 4.0f;
 
-// Of two bytes that were read from memory as one number.
-PORTOLAN_INLINE int FirstByte(int pair) {
-  return std::endian::native == std::endian::little ? pair & 255 : pair >> 8;
-}
-PORTOLAN_INLINE int SecondByte(int pair) {
-  return std::endian::native == std::endian::little ? pair >> 8 : pair & 255;
-}
-
 // A lattice of pixels in an image: pixel (u, v) lies at origin + u * step_u + v * step_v, in units
 // of 2^-16 px.
 struct Lattice {
@@ -45,64 +37,100 @@ struct Lattice {
   int x_v, y_v;
 };
 
+// Pixels are computed so many at once, those of a row or of the whole lattice filled up.
+constexpr int kLanes = 16;
+
 // Bilinear samples of a kSide x kSide lattice, whose pixels and their neighbours must be readable,
-// with eight binary digits of the fractions.
+// with eight binary digits of the fractions. `values` has room for kLanes more.
 template <int kSide>
 PORTOLAN_INLINE void SampleLattice(const PyramidLevel& level, const Lattice& lattice,
                                    float* values) {
+  static_assert(kSide <= kLanes);
   constexpr int kArea = kSide * kSide;
-  // Two neighbours in the row, and those below, as they follow each other in memory.
-  int top[kArea], bottom[kArea], fraction_x[kArea], fraction_y[kArea];
-  for (int i = 0, v = 0; v < kSide; ++v) {
-    int x = lattice.x + v * lattice.x_v, y = lattice.y + v * lattice.y_v;
-#pragma GCC unroll 1
-    for (int u = 0; u < kSide; ++u, ++i, x += lattice.x_u, y += lattice.y_u) {
-      const uint8_t* pixel = level.At(x >> 16, y >> 16);
-      uint16_t pair;
-      std::memcpy(&pair, pixel, sizeof(pair));
-      top[i] = pair;
-      std::memcpy(&pair, pixel + level.stride, sizeof(pair));
-      bottom[i] = pair;
-      fraction_x[i] = (x >> 8) & 255;
-      fraction_y[i] = (y >> 8) & 255;
+  constexpr Int8 kFirst = {0, 1, 2, 3, 4, 5, 6, 7}, kSecond = kFirst + 8;
+  const Int8 x_first = kFirst * lattice.x_u, x_second = kSecond * lattice.x_u;
+  const Int8 y_first = kFirst * lattice.y_u, y_second = kSecond * lattice.y_u;
+  const int stride = static_cast<int>(level.stride);
+  int offset[kArea + kLanes];
+  uint16_t fraction_x[kArea + kLanes], fraction_y[kArea + kLanes];
+  for (int v = 0; v < kSide; ++v) {
+    // What a row has too much is overwritten by the next one.
+    const int i = v * kSide;
+    const int row_x = lattice.x + v * lattice.x_v, row_y = lattice.y + v * lattice.y_v;
+    for (const int half : {0, 8}) {
+      const Int8 x = row_x + (half == 0 ? x_first : x_second);
+      const Int8 y = row_y + (half == 0 ? y_first : y_second);
+      const Int8 at = (y >> 16) * stride + (x >> 16);
+      const Short8 fx = __builtin_convertvector((x >> 8) & 255, Short8);
+      const Short8 fy = __builtin_convertvector((y >> 8) & 255, Short8);
+      std::memcpy(offset + i + half, &at, sizeof(at));
+      std::memcpy(fraction_x + i + half, &fx, sizeof(fx));
+      std::memcpy(fraction_y + i + half, &fy, sizeof(fy));
     }
   }
+  // Two neighbours in the row, and those below, as they follow each other in memory.
+  uint16_t top[kArea + kLanes] = {}, bottom[kArea + kLanes] = {};
+  const uint8_t* const below = level.origin + level.stride;
+#pragma GCC unroll 4
   for (int i = 0; i < kArea; ++i) {
-    const int a0 = FirstByte(top[i]), b0 = FirstByte(bottom[i]);
-    const int a = (a0 << 8) + fraction_x[i] * (SecondByte(top[i]) - a0);
-    const int b = (b0 << 8) + fraction_x[i] * (SecondByte(bottom[i]) - b0);
-    values[i] = static_cast<float>((a << 8) + fraction_y[i] * (b - a)) * (1.0f / 65536.0f);
+    std::memcpy(top + i, level.origin + offset[i], sizeof(uint16_t));
+    std::memcpy(bottom + i, below + offset[i], sizeof(uint16_t));
+  }
+  constexpr int kFirstShift = std::endian::native == std::endian::little ? 0 : 8;
+  for (int i = 0; i < kArea; i += 8) {
+    UShort8 t, b, fx, fy;
+    std::memcpy(&t, top + i, sizeof(t));
+    std::memcpy(&b, bottom + i, sizeof(b));
+    std::memcpy(&fx, fraction_x + i, sizeof(fx));
+    std::memcpy(&fy, fraction_y + i, sizeof(fy));
+    // At most 255 * 256, so 16 bits hold it, and 24 bits, those of a float, the next sum.
+    const UShort8 above16 =
+        ((t >> kFirstShift) & 255) * (256 - fx) + ((t >> (8 - kFirstShift)) & 255) * fx;
+    const UShort8 below16 =
+        ((b >> kFirstShift) & 255) * (256 - fx) + ((b >> (8 - kFirstShift)) & 255) * fx;
+    const Float8 above = __builtin_convertvector(__builtin_convertvector(above16, Int8), Float8);
+    const Float8 under = __builtin_convertvector(__builtin_convertvector(below16, Int8), Float8);
+    const Float8 fraction = __builtin_convertvector(__builtin_convertvector(fy, Int8), Float8);
+    const Float8 value = (above * 256.0f + fraction * (under - above)) * (1.0f / 65536.0f);
+    std::memcpy(values + i, &value, sizeof(value));
   }
 }
 
 // Products of the samples with eight columns, and the sum of their weighted squares.
 PORTOLAN_INLINE void AddProducts(const float* values, const float* table, const float* weights,
                                  int count, float* columns, float* squares) {
-  float even[8] = {}, odd[8] = {}, square[8] = {};
+  Float8 even = {}, odd = {}, square = {};
   int i = 0;
   for (; i + 8 <= count; i += 8) {
     for (int k = 0; k < 8; k += 2) {
-      for (int c = 0; c < 8; ++c) even[c] += table[8 * (i + k) + c] * values[i + k];
-      for (int c = 0; c < 8; ++c) odd[c] += table[8 * (i + k + 1) + c] * values[i + k + 1];
+      Float8 row, next_row;
+      std::memcpy(&row, table + 8 * (i + k), sizeof(row));
+      std::memcpy(&next_row, table + 8 * (i + k + 1), sizeof(next_row));
+      even += row * values[i + k];
+      odd += next_row * values[i + k + 1];
     }
-    for (int k = 0; k < 8; ++k) square[k] += weights[i + k] * values[i + k] * values[i + k];
+    Float8 weight, value;
+    std::memcpy(&weight, weights + i, sizeof(weight));
+    std::memcpy(&value, values + i, sizeof(value));
+    square += weight * value * value;
   }
   for (; i < count; ++i) {
-    for (int c = 0; c < 8; ++c) even[c] += table[8 * i + c] * values[i];
+    Float8 row;
+    std::memcpy(&row, table + 8 * i, sizeof(row));
+    even += row * values[i];
     square[0] += weights[i] * values[i] * values[i];
   }
+  even += odd;
+  std::memcpy(columns, &even, sizeof(even));
   *squares = 0.0f;
-  for (int c = 0; c < 8; ++c) {
-    columns[c] = even[c] + odd[c];
-    *squares += square[c];
-  }
+  for (int k = 0; k < 8; ++k) *squares += square[k];
 }
 
 template <int kSide>
 PORTOLAN_VECTOR_CLONES void SampleProducts(const PyramidLevel& level, const Lattice& lattice,
                                            const float* table, const float* weights, float* columns,
                                            float* squares) {
-  float values[kSide * kSide];
+  float values[kSide * kSide + kLanes];
   SampleLattice<kSide>(level, lattice, values);
   AddProducts(values, table, weights, kSide * kSide, columns, squares);
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <optional>
 #include <unordered_map>
@@ -13,6 +14,7 @@
 #include "agent/tracker/patch_flow.h"
 #include "agent/tracker/patch_search.h"
 #include "agent/tracker/reference_patch.h"
+#include "common/base/vector_clones.h"
 
 namespace portolan {
 namespace {
@@ -46,6 +48,38 @@ struct Expectation {
 struct Motion {
   Eigen::Vector2d from;
   Eigen::Vector2d shift;
+};
+
+// Pixels that are searched four at once.
+class PixelList {
+ public:
+  void clear() { count_ = 0; }
+  void Add(const Eigen::Vector2d& pixel) {
+    if (count_ % 4 == 0) {
+      if (count_ / 4 == fours_.size()) fours_.emplace_back();
+      // Those that fill up the last four are far from everything.
+      fours_[count_ / 4].x = Double4{} + std::numeric_limits<double>::infinity();
+    }
+    fours_[count_ / 4].x[count_ % 4] = pixel.x();
+    fours_[count_ / 4].y[count_ % 4] = pixel.y();
+    ++count_;
+  }
+  bool HasNear(const Eigen::Vector2d& pixel, double distance2) const {
+    const double x = pixel.x(), y = pixel.y();
+    Long4 near = {};
+    for (size_t i = 0; 4 * i < count_; ++i) {
+      const Double4 dx = fours_[i].x - x, dy = fours_[i].y - y;
+      near |= dx * dx + dy * dy < distance2;
+    }
+    return (near[0] | near[1] | near[2] | near[3]) != 0;
+  }
+
+ private:
+  struct Four {
+    Double4 x = {}, y = {};
+  };
+  std::vector<Four> fours_;
+  size_t count_ = 0;
 };
 
 // Median motion of the nearest tracks; no value if there are too few.
@@ -119,6 +153,7 @@ class Tracker::Impl {
   TrackMap tracks_;
   TrackMap lost_;
   std::vector<TrackedPoint> points_;
+  PixelList kept_;
 };
 
 Eigen::Vector2d Tracker::Impl::Rotated(const Eigen::Vector2d& pixel,
@@ -229,12 +264,15 @@ void Tracker::Impl::Lose(TrackMap::iterator it) {
 
 void Tracker::Impl::DropCollapsed() {
   const double limit = options_.merge_distance_px * options_.merge_distance_px;
+  kept_.clear();
   for (auto younger = tracks_.begin(); younger != tracks_.end();) {
     const Eigen::Vector2d& pixel = younger->second.point.pixel;
-    const bool collapsed = std::any_of(tracks_.begin(), younger, [&](const auto& older) {
-      return (older.second.point.pixel - pixel).squaredNorm() < limit;
-    });
-    younger = collapsed ? tracks_.erase(younger) : std::next(younger);
+    if (kept_.HasNear(pixel, limit)) {
+      younger = tracks_.erase(younger);
+    } else {
+      kept_.Add(pixel);
+      ++younger;
+    }
   }
 }
 
@@ -282,6 +320,7 @@ std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost
     lost_.erase(it);
     revived.push_back(region.track);
   }
+  if (revived.empty()) return revived;
   DropCollapsed();
   Publish();
   std::erase_if(revived, [this](const TrackId& id) { return !tracks_.contains(id); });

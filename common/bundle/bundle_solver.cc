@@ -10,6 +10,7 @@
 
 #include "common/bundle/bundle_solver_terms.h"
 #include "common/bundle/camera_system.h"
+#include "common/linear_algebra/packed_rows.h"
 
 namespace portolan {
 namespace {
@@ -43,6 +44,10 @@ class Solver {
     system_ = std::make_unique<CameraSystem>(block_count_, options.max_dense_cameras);
     diagonal_.resize(block_count_);
     lens_by_camera_.resize(free_count_);
+    if (!system_->is_sparse()) {
+      plain_.resize(6 * block_count_, 3);
+      weighted_.resize(6 * block_count_, 3);
+    }
     states_.resize(problem.cameras.size());
     AddTerms();
   }
@@ -50,13 +55,14 @@ class Solver {
   BundleSolve Run() {
     BundleSolve result;
     if (terms_.empty()) return result;
-    double cost = Cost();
+    MoveStates();
+    double cost = Linearize();
     result.initial_cost = result.final_cost = cost;
     if (!std::isfinite(cost)) return result;
     result.usable = true;
     double damping = kInitialDamping;
     double growth = 2;
-    bool is_linear = false;
+    bool is_linear = true;
     for (; result.iterations < options_.max_iterations; ++result.iterations) {
       if (interrupt_ != nullptr && *interrupt_) break;
       if (!is_linear) Linearize();
@@ -187,10 +193,14 @@ class Solver {
     }
   }
 
-  double Cost() {
+  void MoveStates() {
     for (size_t i = 0; i < states_.size(); ++i) {
       states_[i] = {parameters_.camera_references[i], parameters_.cameras[i].data()};
     }
+  }
+
+  double Cost() {
+    MoveStates();
     double cost = 0;
     for (const PointTerms& point : points_) {
       const double* unknowns = parameters_.points[point.point].data();
@@ -220,14 +230,15 @@ class Solver {
     return prior.sqrt_information * (prior.deviation + parameters_.lenses[lens]);
   }
 
-  // Where Cost was called last.
-  void Linearize() {
+  // Where MoveStates was called last; returns the cost.
+  double Linearize() {
+    double cost = 0;
     const double square = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
     for (auto& block : diagonal_) block.setZero();
     for (auto& block : lens_by_camera_) block.setZero();
     below_.clear();
     gradient_.setZero(6 * block_count_);
-    LinearizeLensPriors();
+    cost += LinearizeLensPriors();
     for (PointTerms& point : points_) {
       point.information.setZero();
       point.gradient.setZero();
@@ -237,6 +248,7 @@ class Solver {
         term.error.Evaluate(states_[term.camera], unknowns, term.residual.data(),
                             term.place < 0 ? nullptr : term.d_camera.data(), term.d_point.data());
         if (term.lens >= 0) term.residual += term.lens_slope * parameters_.lenses[term.lens];
+        cost += RobustCost(term.residual.squaredNorm());
         const double weight = std::sqrt(1 / (1 + term.residual.squaredNorm() / square));
         term.residual *= weight;
         if (term.lens >= 0) {
@@ -255,11 +267,15 @@ class Solver {
         if (term.lens < 0) continue;
         lens_by_camera_[term.place].noalias() += term.d_lens.transpose() * term.d_camera;
       }
+      if (point.is_free) {
+        cost += 0.5 * std::pow((unknowns[2] - point.rho) * point.inverse_sigma, 2);
+      }
       const double inverse_sigma2 = point.inverse_sigma * point.inverse_sigma;
       point.information(2, 2) += inverse_sigma2;
       point.gradient[2] += inverse_sigma2 * (unknowns[2] - point.rho);
     }
-    ForEachPrior([this](double residual, int a, const auto& d_a, int b, const auto& d_b) {
+    ForEachPrior([&, this](double residual, int a, const auto& d_a, int b, const auto& d_b) {
+      cost += 0.5 * residual * residual;
       if (a >= 0) {
         diagonal_[a] += d_a.transpose() * d_a;
         gradient_.segment<6>(6 * a) += d_a.transpose() * residual;
@@ -271,17 +287,21 @@ class Solver {
       if (a > b && b >= 0) below_.push_back({a, b, d_a.transpose() * d_b});
       if (b > a && a >= 0) below_.push_back({b, a, d_b.transpose() * d_a});
     });
+    return cost;
   }
 
-  void LinearizeLensPriors() {
+  double LinearizeLensPriors() {
+    double cost = 0;
     for (size_t i = 0; i < parameters_.lenses.size(); ++i) {
       const int place = PlaceOfLens(static_cast<int>(i));
       const Eigen::Matrix2d& root = problem_.lenses[i].sqrt_information;
       diagonal_[place].topLeftCorner<2, 2>() = root.transpose() * root;
       gradient_.segment<2>(6 * place) = root.transpose() * LensPrior(i);
+      cost += 0.5 * LensPrior(i).squaredNorm();
       // The rows that are not used.
       diagonal_[place].diagonal().tail<4>().setOnes();
     }
+    return cost;
   }
 
   static double Damped(double diagonal, double damping) {
@@ -345,7 +365,36 @@ class Solver {
     return true;
   }
 
+  // The cameras of a point mostly follow each other: then all its blocks are computed as one.
+  bool EliminateAsOne(const PointTerms& point) {
+    int first = free_count_, last = -1, terms = 0;
+    for (size_t i = point.begin; i < point.end; ++i) {
+      const int place = terms_[i].place;
+      if (place < 0) continue;
+      first = std::min(first, place);
+      last = std::max(last, place);
+      ++terms;
+    }
+    const int count = last - first + 1;
+    if (system_->is_sparse() || count > 2 * terms) return false;
+    if (terms == 0) return true;
+    auto plain = plain_.topRows(6 * count), weighted = weighted_.topRows(6 * count);
+    plain.setZero();
+    for (size_t i = point.begin; i < point.end; ++i) {
+      const Term& term = terms_[i];
+      if (term.place < 0) continue;
+      plain.middleRows<6>(6 * (term.place - first)) +=
+          term.d_camera.transpose().lazyProduct(term.d_point);
+    }
+    weighted = plain.lazyProduct(point.inverse);
+    right_.segment(6 * first, 6 * count) += weighted.lazyProduct(point.gradient);
+    SubtractProductOfThree(weighted.data(), plain.data(), plain_.rows(),
+                           system_->Square(first, count));
+    return true;
+  }
+
   void Eliminate(const PointTerms& point) {
+    if (parameters_.lenses.empty() && EliminateAsOne(point)) return;
     couplings_.clear();
     for (size_t i = point.begin; i < point.end; ++i) {
       const Term& term = terms_[i];
@@ -402,7 +451,7 @@ class Solver {
   const BundleProblem& problem_;
   const std::atomic<bool>* interrupt_;
   BundleParameters& parameters_;
-  std::vector<CameraState> states_;  // by camera, where Cost was called last
+  std::vector<CameraState> states_;  // by camera, where MoveStates was called last
   std::vector<int> place_of_;        // of a camera
   int free_count_ = 0;
   int block_count_ = 0;  // free cameras, then lenses
@@ -417,6 +466,8 @@ class Solver {
   std::unique_ptr<CameraSystem> system_;  // reduced
   Eigen::VectorXd right_;                 // then the cameras' step
   std::vector<Coupling> couplings_;
+  // Of one point, the couplings of successive cameras; times the point's inverse information.
+  Eigen::Matrix<double, Eigen::Dynamic, 3> plain_, weighted_;
 };
 
 }  // namespace

@@ -34,6 +34,11 @@ class CameraSystem {
     if (place < 0) place = NewBlock();
     return CameraBlock(blocks_.data() + 36 * static_cast<size_t>(place), Eigen::OuterStride<>(6));
   }
+  bool is_sparse() const { return is_sparse_; }
+  // Of a dense one: all blocks of `count` cameras from the first, whose lower triangle counts.
+  Eigen::Block<Eigen::MatrixXd> Square(int first, int count) {
+    return dense_.block(6 * first, 6 * first, 6 * count, 6 * count);
+  }
   // Replaces the right side by the solution; the matrix is spoilt. False if it is not positive
   // definite or the solution is not finite.
   bool SolveInPlace(Eigen::VectorXd* right);

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
 #include "tests/agent/tracker/test_images.h"
 
 namespace portolan {
@@ -18,6 +21,23 @@ TEST(ImagePyramid, PixelOfLevelIsHalfThePixelBelow) {
     for (int x = 5; x < 70; x += 5) {
       EXPECT_NEAR(*coarse.At(x, y), *fine.At(2 * x, 2 * y), 6.0);
     }
+  }
+}
+
+TEST(ImagePyramid, LevelsEqualThoseOfOpenCv) {
+  for (const cv::Size size : {cv::Size(752, 480), cv::Size(67, 33), cv::Size(34, 129),
+                              cv::Size(32, 32), cv::Size(161, 70)}) {
+    cv::Mat image(size, CV_8UC1);
+    cv::theRNG().state = 7;
+    cv::randu(image, 0, 256);
+    ImagePyramid pyramid;
+    pyramid.Build(image, 1);
+    cv::Mat expected;
+    cv::pyrDown(image, expected);
+    const PyramidLevel half = pyramid.Level(1);
+    ASSERT_EQ(cv::Size(half.width_px, half.height_px), expected.size());
+    const cv::Mat actual(expected.size(), CV_8UC1, const_cast<uint8_t*>(half.origin), half.stride);
+    EXPECT_EQ(cv::norm(actual, expected, cv::NORM_INF), 0) << size;
   }
 }
 
