@@ -66,9 +66,11 @@ std::vector<Closure> SubmapPreparer::Verify(const RefinedSubmap& refined,
   std::vector<Closure> closures;
   const bool is_large =
       refined_.size() > static_cast<size_t>(options_.aligner.full_component_submaps);
+  const std::optional<SubmapPoints> points = verifier_.PointsOf(refined);
   for (const PlaceCandidate& candidate : candidates) {
     if (is_large && closures.size() >= static_cast<size_t>(options_.enough_closures)) break;
-    std::optional<Closure> closure = verifier_.Verify(*refined_.at(candidate.submap), refined);
+    std::optional<Closure> closure =
+        verifier_.Verify(verifier_.PointsOf(*refined_.at(candidate.submap)), points);
     if (closure) closures.push_back(*std::move(closure));
   }
   return closures;
