@@ -4,46 +4,18 @@
 #define PORTOLAN_SERVER_MAP_BUILDER_H_
 
 #include <atomic>
-#include <cstdint>
 #include <memory>
 
 #include "common/base/status.h"
-#include "common/camera/camera_model.h"
-#include "common/submap/submap.h"
 #include "server/fusion/map_state.h"
 #include "server/map_builder_options.h"
+#include "server/stage_time.h"
+#include "server/submap_preparer.h"
 
 namespace portolan {
 
-// One committed submap and the camera that took it.
-struct SubmapInput {
-  SubmapId id;
-  std::shared_ptr<const Submap> submap;
-  std::shared_ptr<const CameraModel> camera;
-  // MapBuilder::Refine() of the above, if somebody had the time.
-  std::shared_ptr<const RefinedSubmap> refined = nullptr;
-};
-
-// Wall time of one stage since the builder was created.
-struct StageTime {
-  int64_t count = 0;
-  double last_ms = 0;
-  double max_ms = 0;
-  double total_ms = 0;
-};
-
-struct StageTimes {
-  StageTime refine;
-  StageTime link;
-  StageTime recognise;
-  StageTime verify;
-  StageTime align;
-  StageTime fuse;
-  StageTime background;
-};
-
-// Thread-compatible: one thread calls it, except for Refine. Knows no thread, database or message.
-// Snapshots are immutable and may be shared with other threads.
+// Thread-compatible: one thread calls it, but for Prepare, for which there may be another. Knows no
+// thread, database or message. Snapshots are immutable and may be shared with other threads.
 class MapBuilder {
  public:
   static StatusOr<std::unique_ptr<MapBuilder>> Create(const MapBuilderOptions& options);
@@ -57,9 +29,10 @@ class MapBuilder {
   // follows uses them.
   void SetSurvey(std::shared_ptr<const Survey> survey);
 
-  // The first stage alone; thread-safe, for it depends on nothing but its argument. Put the result
-  // into the input, and IntegrateSubmap need not do it.
-  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const;
+  // The first half of the way: refinement, recognition and verification, which do not ask how the
+  // map lies. Put the result into the input, and IntegrateSubmap need not do it. One thread may call
+  // this while another one integrates; it sees each submap in the order of their integration.
+  std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput& input);
 
   // Takes one submap, which is valid (common/wire checked it), through all stages. Ids ascend; a
   // submap that is there already is ignored. A submap that cannot be refined is kept, in a

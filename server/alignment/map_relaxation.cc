@@ -6,11 +6,11 @@
 #include <limits>
 #include <map>
 #include <optional>
-#include <unordered_map>
 #include <utility>
 
 #include "server/alignment/block_system.h"
 #include "server/alignment/relaxation_elements.h"
+#include "server/alignment/relaxation_map.h"
 #include "server/alignment/relaxation_positions.h"
 
 namespace portolan {
@@ -22,94 +22,70 @@ constexpr int kMaxAttempts = 5;           // to find a step that lowers the cost
 constexpr int kInterruptInterval = 1024;  // landmarks
 constexpr size_t kLossSamples = 10000;    // landmarks whose errors are looked at beforehand
 
-class Relaxation {
+}  // namespace
+
+class MapRelaxation::Impl {
  public:
-  Relaxation(const MapRelaxationOptions& options, const MetricFrameOptions& metric,
-             const std::vector<SubmapId>& submaps, const std::atomic<bool>* interrupt,
-             MapModel* model, const std::vector<PositionTerm>* positions)
-      : options_(options), interrupt_(interrupt), model_(*model) {
-    AddBodies(submaps);
+  Impl(const MapRelaxationOptions& options, const MetricFrameOptions& metric,
+       const std::vector<SubmapId>& submaps, const MapModel& model,
+       const std::vector<PositionTerm>* positions)
+      : options_(options),
+        map_(model, submaps,
+             submaps.size() > static_cast<size_t>(options.max_whole_submaps)
+                 ? static_cast<size_t>(options.max_landmarks)
+                 : std::numeric_limits<size_t>::max()),
+        bodies_(map_.bodies()) {
     if (positions != nullptr) {
       for (const PositionTerm& term : *positions) {
-        positions_.Add(body_of_.at(term.submap), bodies_[body_of_.at(term.submap)], term);
+        positions_.Add(map_.BodyOf(term.submap), bodies_[map_.BodyOf(term.submap)], term);
       }
     }
-    for (const auto& [id, measurement] : MeasureScales(metric, model_, submaps)) {
-      scales_.emplace(body_of_.at(id), measurement);
+    for (const auto& [id, measurement] : MeasureScales(metric, model, submaps)) {
+      scales_.emplace(map_.BodyOf(id), measurement);
     }
-    std::vector<char> known(model_.landmarks().size(), 0);
-    for (const SubmapId id : submaps) {
-      for (const int landmark : model_.submap(id).landmarks) {
-        if (std::exchange(known[landmark], 1) == 0) landmarks_.push_back(landmark);
-      }
-    }
+    step_moved_.resize(bodies_.size());
+    if (bodies_.size() < 2) phase_ = Phase::kDone;
   }
 
-  RelaxationSummary Run() {
-    double damping = 1e-6;
-    for (int i = 0; i < options_.max_iterations && bodies_.size() > 1; ++i) {
-      const std::optional<double> cost = Linearize();
-      if (!cost) break;
-      if (i == 0) summary_.initial_cost = *cost;
-      summary_.final_cost = *cost;
-      const std::optional<double> next = Improve(*cost, &damping);
-      if (!next) break;
-      WriteBack();
-      summary_.final_cost = *next;
-      ++summary_.iterations;
-      const bool is_final_loss =
-          loss_square_ <= options_.loss_scale_sigmas * options_.loss_scale_sigmas;
-      if (is_final_loss && *cost - *next < options_.min_decrease * *cost) break;
+  bool Run(const std::atomic<bool>* interrupt) {
+    interrupt_ = interrupt;
+    summary_.interrupted = false;
+    while (phase_ != Phase::kDone && !Interrupted()) {
+      switch (phase_) {
+        case Phase::kLinearize:
+          Linearize();
+          break;
+        case Phase::kSolve:
+          Solve();
+          break;
+        case Phase::kTry:
+          Try();
+          break;
+        case Phase::kDone:
+          break;
+      }
     }
-    return summary_;
+    return phase_ == Phase::kDone;
   }
+
+  const RelaxationSummary& summary() const { return summary_; }
+  const RelaxationMap& map() const { return map_; }
 
  private:
-  void AddBodies(const std::vector<SubmapId>& submaps) {
-    for (const SubmapId id : submaps) body_of_.emplace(id, static_cast<int>(body_of_.size()));
-    node_count_ = static_cast<int>(submaps.size());
-    for (const SubmapId id : submaps) {
-      const ModelSubmap& submap = model_.submap(id);
-      const auto successor = submap.successor ? body_of_.find(*submap.successor) : body_of_.end();
-      const int start = static_cast<int>(bodies_.size());
-      RelaxationBody body;
-      body.id = id;
-      body.nodes = {start, successor == body_of_.end() ? node_count_++ : successor->second};
-      body.last_keyframe = static_cast<int>(submap.world_from_camera.size()) - 1;
-      bodies_.push_back(body);
-    }
-    changes_.resize(bodies_.size());
-    UpdateFrames();
-  }
-
-  void UpdateFrames() {
-    for (RelaxationBody& body : bodies_) {
-      body.world_from_submap = model_.submap(body.id).world_from_submap;
-      body.submap_from_world = body.world_from_submap.Inverse();
-    }
-    for (RelaxationBody& body : bodies_) {
-      if (body.nodes[1] >= static_cast<int>(bodies_.size())) continue;
-      body.from_end = (body.submap_from_world * bodies_[body.nodes[1]].world_from_submap).Adjoint();
-    }
-  }
+  // Of one step. The first and the last go through the landmarks and may be interrupted between any
+  // two of them.
+  enum class Phase { kLinearize, kSolve, kTry, kDone };
 
   bool Interrupted() {
     if (interrupt_ != nullptr && *interrupt_) summary_.interrupted = true;
     return summary_.interrupted;
   }
 
-  // Calls function(body, keyframe, sight, observation), always in the same order.
+  // Calls function(body, sight), always in the same order.
   template <typename Function>
-  void ForEachSight(const ModelLandmark& landmark, const Function& function) const {
-    for (const LandmarkSight& sight : landmark.sights) {
-      const auto body = body_of_.find(sight.submap);
-      if (body == body_of_.end()) continue;
-      const ModelSubmap& submap = model_.submap(sight.submap);
-      const int in_submap = MapModel::LandmarkIndex(*submap.refined, sight.track);
-      for (const ModelSight& one : submap.sights[in_submap]) {
-        function(body->second, submap, one,
-                 submap.refined->raw->keyframes[one.keyframe].observations[one.observation]);
-      }
+  void ForEachSight(const RelaxationPoint& point, const Function& function) const {
+    for (size_t i = point.begin; i < point.end; ++i) {
+      function(bodies_[map_.sights()[i].body], map_.sights()[i]);
     }
   }
 
@@ -122,10 +98,10 @@ class Relaxation {
   void ChooseLoss() {
     std::vector<double> errors;
     LinearLandmark linear;
-    const size_t stride = landmarks_.size() / kLossSamples + 1;
+    const size_t stride = map_.points().size() / kLossSamples + 1;
     loss_square_ = std::numeric_limits<double>::infinity();
-    for (size_t i = 0; i < landmarks_.size(); i += stride) {
-      LinearizeLandmark(model_.landmarks()[landmarks_[i]], &linear);
+    for (size_t i = 0; i < map_.points().size(); i += stride) {
+      LinearizeLandmark(map_.points()[i], &linear);
       errors.insert(errors.end(), linear.chi2.begin(), linear.chi2.end());
     }
     double median = 0;
@@ -137,32 +113,36 @@ class Relaxation {
     loss_square_ = std::max(options_.loss_scale_sigmas * options_.loss_scale_sigmas, 9 * median);
   }
 
-  // Fills normal equations in which the landmarks are eliminated; returns the cost.
-  std::optional<double> Linearize() {
-    ChooseLoss();
-    positions_.ChooseLoss(options_.positions);
-    system_.Reset(node_count_);
-    double cost = ScaleCost(Eigen::VectorXd()) + positions_.Cost();
+  // Fills normal equations in which the landmarks are eliminated, and finds the cost.
+  void Linearize() {
+    if (next_point_ == 0) {
+      ChooseLoss();
+      positions_.ChooseLoss(options_.positions);
+      system_.Reset(map_.node_count());
+      cost_ = ScaleCost(Eigen::VectorXd()) + positions_.Cost();
+    }
     LinearLandmark linear;
-    int count = 0;
-    for (const int landmark : landmarks_) {
-      if (++count % kInterruptInterval == 0 && Interrupted()) return std::nullopt;
-      LinearizeLandmark(model_.landmarks()[landmark], &linear);
-      cost += linear.cost;
-      if (!linear.views.empty()) Eliminate(model_.landmarks()[landmark], linear);
+    for (; next_point_ < map_.points().size(); ++next_point_) {
+      if (next_point_ % kInterruptInterval == 0 && Interrupted()) return;
+      LinearizeLandmark(map_.points()[next_point_], &linear);
+      cost_ += linear.cost;
+      if (!linear.views.empty()) Eliminate(map_.points()[next_point_], linear);
     }
     AddScales();
     if (!positions_.empty()) {
       positions_.AddTo(bodies_, &system_);
-      return cost;
+    } else {
+      Matrix7d& first = system_.Block(0, 0);
+      for (int i = 0; i < (scales_.empty() ? 7 : 6); ++i) first(i, i) = 2 * first(i, i) + 1;
     }
-    Matrix7d& first = system_.Block(0, 0);
-    for (int i = 0; i < (scales_.empty() ? 7 : 6); ++i) first(i, i) = 2 * first(i, i) + 1;
-    return cost;
+    if (summary_.iterations == 0) summary_.initial_cost = cost_;
+    summary_.final_cost = cost_;
+    attempt_ = 0;
+    phase_ = Phase::kSolve;
   }
 
-  void LinearizeLandmark(const ModelLandmark& landmark, LinearLandmark* linear) const {
-    const Eigen::Vector3d& point = landmark.point_in_world;
+  void LinearizeLandmark(const RelaxationPoint& landmark, LinearLandmark* linear) const {
+    const Eigen::Vector3d& point = landmark.in_world;
     double nearest = std::numeric_limits<double>::infinity();
     Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
     linear->views.clear();
@@ -170,18 +150,17 @@ class Relaxation {
     linear->chi2.clear();
     linear->gradient.setZero();
     linear->cost = 0;
-    ForEachSight(landmark, [&](int body, const ModelSubmap& submap, const ModelSight& sight,
-                               const Observation& observation) {
+    ForEachSight(landmark, [&](const RelaxationBody& body, const RelaxationSight& sight) {
       linear->used.push_back(false);
-      const Rigid3& world_from_camera = submap.world_from_camera[sight.keyframe];
+      const Rigid3& world_from_camera = body.world_from_camera[sight.keyframe];
       const Eigen::Vector3d from_camera = point - world_from_camera.translation;
       const Eigen::Matrix3d camera_from_world =
           world_from_camera.rotation.conjugate().toRotationMatrix();
       Matrix23d jacobian;
-      const auto pixel = submap.camera->Project(camera_from_world * from_camera, &jacobian);
+      const auto pixel = body.camera->Project(camera_from_world * from_camera, &jacobian);
       if (!pixel) return;
-      const double inverse_sigma = 1.0 / observation.sigma_px;
-      const Eigen::Vector2d error = (*pixel - observation.pixel.cast<double>()) * inverse_sigma;
+      const double inverse_sigma = 1.0 / sight.sigma_px;
+      const Eigen::Vector2d error = (*pixel - sight.pixel.cast<double>()) * inverse_sigma;
       const double chi2 = error.squaredNorm();
       if (!sight.inlier && chi2 > options_.readmitting_chi2) return;
       linear->used.back() = true;
@@ -192,11 +171,11 @@ class Relaxation {
       const double weight = 1.0 / (1.0 + chi2 / loss_square_);
       const Eigen::Matrix3d product = weight * jacobian.transpose() * jacobian;
       const Eigen::Vector3d gradient = weight * jacobian.transpose() * error;
-      if (linear->views.empty() || linear->views.back().body != body) {
-        linear->views.emplace_back(body);
+      if (linear->views.empty() || linear->views.back().body != sight.body) {
+        linear->views.emplace_back(sight.body);
       }
       RelaxationView& view = linear->views.back();
-      const double end = bodies_[body].PartOf(sight.keyframe);
+      const double end = body.PartOf(sight.keyframe);
       const double start = 1 - end;
       view.cross[0] += start * product;
       view.cross[1] += end * product;
@@ -214,7 +193,7 @@ class Relaxation {
   }
 
   // Adds the landmark's Schur complement.
-  void Eliminate(const ModelLandmark& landmark, const LinearLandmark& linear) {
+  void Eliminate(const RelaxationPoint& landmark, const LinearLandmark& linear) {
     struct Part {
       int node;
       Matrix37d cross;
@@ -223,7 +202,7 @@ class Relaxation {
     const Eigen::Vector3d step = linear.inverse_information * linear.gradient;
     for (const RelaxationView& view : linear.views) {
       const RelaxationBody& body = bodies_[view.body];
-      const auto jacobians = PointJacobians(body, landmark.point_in_world);
+      const auto jacobians = PointJacobians(body, landmark.in_world);
       for (int end = 0; end < 2; ++end) {
         parts.push_back({body.nodes[end], view.cross[end] * jacobians[end]});
         system_.gradient().segment<7>(7 * body.nodes[end]) -=
@@ -278,18 +257,39 @@ class Relaxation {
     return cost;
   }
 
-  std::optional<double> Improve(double cost, double* damping) {
-    for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
-      if (Interrupted() || !system_.Solve(*damping, &step_)) return std::nullopt;
-      const std::optional<double> next = CostAfterStep();
-      if (!next) return std::nullopt;
-      if (*next < cost) {
-        *damping = std::max(0.1 * *damping, 1e-9);
-        return next;
-      }
-      *damping = std::max(30 * *damping, 1e-5);
+  void Solve() {
+    if (attempt_++ == kMaxAttempts || !system_.Solve(damping_, &step_)) {
+      phase_ = Phase::kDone;
+      return;
     }
-    return std::nullopt;
+    UpdateMoved();
+    tried_.clear();
+    tried_cost_ = ScaleCost(step_) + positions_.CostOfTrial();
+    phase_ = Phase::kTry;
+  }
+
+  // Finds the cost after the step, and takes the step if it is lower.
+  void Try() {
+    LinearLandmark linear;
+    while (tried_.size() < map_.points().size()) {
+      if (tried_.size() % kInterruptInterval == 0 && Interrupted()) return;
+      TryPoint(map_.points()[tried_.size()], &linear);
+    }
+    if (!(tried_cost_ < cost_)) {
+      damping_ = std::max(30 * damping_, 1e-5);
+      phase_ = Phase::kSolve;
+      return;
+    }
+    damping_ = std::max(0.1 * damping_, 1e-9);
+    TakeStep();
+    summary_.final_cost = tried_cost_;
+    ++summary_.iterations;
+    const bool is_final_loss =
+        loss_square_ <= options_.loss_scale_sigmas * options_.loss_scale_sigmas;
+    const bool has_converged = is_final_loss && cost_ - tried_cost_ < options_.min_decrease * cost_;
+    next_point_ = 0;
+    phase_ = has_converged || summary_.iterations == options_.max_iterations ? Phase::kDone
+                                                                             : Phase::kLinearize;
   }
 
   Vector7d StepOf(const RelaxationBody& body, double part) const {
@@ -303,114 +303,112 @@ class Relaxation {
   }
 
   // ... about every camera.
-  void UpdateChanges() {
+  void UpdateMoved() {
     for (size_t i = 0; i < bodies_.size(); ++i) {
       const RelaxationBody& body = bodies_[i];
-      changes_[i].clear();
+      step_moved_[i].clear();
       for (int k = 0; k <= body.last_keyframe; ++k) {
-        changes_[i].push_back(ChangeOf(body, body.PartOf(k)));
+        step_moved_[i].push_back(ChangeOf(body, body.PartOf(k)));
       }
     }
     positions_.Try([this](int body, double part) { return ChangeOf(bodies_[body], part); });
   }
 
-  Eigen::Vector3d PointAfterStep(const ModelLandmark& landmark,
+  Eigen::Vector3d PointAfterStep(const RelaxationPoint& landmark,
                                  const LinearLandmark& linear) const {
     Eigen::Vector3d gradient = linear.gradient;
     for (const RelaxationView& view : linear.views) {
       const RelaxationBody& body = bodies_[view.body];
-      const auto jacobians = PointJacobians(body, landmark.point_in_world);
+      const auto jacobians = PointJacobians(body, landmark.in_world);
       for (int end = 0; end < 2; ++end) {
         gradient -= view.cross[end] * (jacobians[end] * step_.segment<7>(7 * body.nodes[end]));
       }
     }
-    return landmark.point_in_world - linear.inverse_information * gradient;
+    return landmark.in_world - linear.inverse_information * gradient;
   }
 
-  std::optional<double> CostAfterStep() {
-    UpdateChanges();
-    points_.clear();
-    double cost = ScaleCost(step_) + positions_.CostOfTrial();
-    LinearLandmark linear;
-    for (const int index : landmarks_) {
-      if (points_.size() % kInterruptInterval == 0 && Interrupted()) return std::nullopt;
-      const ModelLandmark& landmark = model_.landmarks()[index];
-      LinearizeLandmark(landmark, &linear);
-      if (linear.views.empty()) {
-        const auto owner = body_of_.find(landmark.sights.front().submap);
-        points_.push_back(owner == body_of_.end()
-                              ? landmark.point_in_world
-                              : changes_[owner->second].front() * landmark.point_in_world);
-        continue;
-      }
-      points_.push_back(PointAfterStep(landmark, linear));
-      const Eigen::Vector3d& point = points_.back();
-      size_t i = 0;
-      ForEachSight(landmark, [&](int body, const ModelSubmap& submap, const ModelSight& sight,
-                                 const Observation& observation) {
-        if (!linear.used[i++]) return;
-        const Rigid3 moved =
-            changes_[body][sight.keyframe] * submap.world_from_camera[sight.keyframe];
-        const auto pixel =
-            submap.camera->Project(moved.rotation.conjugate() * (point - moved.translation));
-        cost += RobustCost(
-            pixel
-                ? ((*pixel - observation.pixel.cast<double>()) / observation.sigma_px).squaredNorm()
-                : kUnprojectableChi2);
-      });
+  void TryPoint(const RelaxationPoint& landmark, LinearLandmark* linear) {
+    LinearizeLandmark(landmark, linear);
+    if (linear->views.empty()) {
+      tried_.push_back(landmark.owner < 0
+                           ? landmark.in_world
+                           : step_moved_[landmark.owner].front() * landmark.in_world);
+      return;
     }
-    return cost;
+    tried_.push_back(PointAfterStep(landmark, *linear));
+    const Eigen::Vector3d& point = tried_.back();
+    size_t i = 0;
+    ForEachSight(landmark, [&](const RelaxationBody& body, const RelaxationSight& sight) {
+      if (!linear->used[i++]) return;
+      const Rigid3 moved =
+          step_moved_[sight.body][sight.keyframe] * body.world_from_camera[sight.keyframe];
+      const auto pixel =
+          body.camera->Project(moved.rotation.conjugate() * (point - moved.translation));
+      tried_cost_ +=
+          RobustCost(pixel ? ((*pixel - sight.pixel.cast<double>()) / sight.sigma_px).squaredNorm()
+                           : kUnprojectableChi2);
+    });
   }
 
-  void WriteBack() {
+  void TakeStep() {
     positions_.AcceptTrial();
-    std::vector<std::vector<Rigid3>> cameras;
     for (size_t i = 0; i < bodies_.size(); ++i) {
-      cameras.push_back(model_.submap(bodies_[i].id).world_from_camera);
-      for (size_t k = 0; k < cameras[i].size(); ++k) cameras[i][k] = changes_[i][k] * cameras[i][k];
-    }
-    for (size_t i = 0; i < bodies_.size(); ++i) {
-      model_.MoveSubmap(bodies_[i].id, changes_[i].front() * bodies_[i].world_from_submap);
-    }
-    for (size_t i = 0; i < bodies_.size(); ++i) {
-      for (size_t k = 0; k < cameras[i].size(); ++k) {
-        const auto [id, keyframe] = model_.CameraOf(bodies_[i].id, static_cast<int>(k));
-        if (id == bodies_[i].id) model_.SetCamera(id, keyframe, cameras[i][k]);
+      RelaxationBody& body = bodies_[i];
+      body.world_from_submap = step_moved_[i].front() * body.world_from_submap;
+      for (size_t k = 0; k < body.world_from_camera.size(); ++k) {
+        body.world_from_camera[k] = step_moved_[i][k] * body.world_from_camera[k];
+        body.moved[k] = step_moved_[i][k] * body.moved[k];
       }
     }
-    for (size_t i = 0; i < landmarks_.size(); ++i) model_.SetLandmark(landmarks_[i], points_[i]);
+    for (size_t i = 0; i < tried_.size(); ++i) map_.points()[i].in_world = tried_[i];
     for (const auto& [body, scale] : scales_) log_scale_moved_[body] += ScaleStep(body);
-    for (const RelaxationBody& body : bodies_) model_.FitSubmapToCameras(body.id);
-    UpdateFrames();
+    map_.UpdateFrames();
   }
 
-  const MapRelaxationOptions& options_;
-  const std::atomic<bool>* interrupt_;
-  MapModel& model_;
-  std::unordered_map<SubmapId, int> body_of_;
-  std::vector<RelaxationBody> bodies_;
-  int node_count_ = 0;                      // starts by body, then the ends of sessions
+  const MapRelaxationOptions options_;
+  RelaxationMap map_;
+  std::vector<RelaxationBody>& bodies_;
+  const std::atomic<bool>* interrupt_ = nullptr;
   std::map<int, ScaleMeasurement> scales_;  // by body
   std::map<int, double> log_scale_moved_;
-  std::vector<int> landmarks_;  // in the model
-  double loss_square_ = 1;      // of the scale of the Cauchy loss
+  double loss_square_ = 1;  // of the scale of the Cauchy loss
   RelaxationPositions positions_;
+  RelaxationSummary summary_;
+  // How far it is.
+  Phase phase_ = Phase::kLinearize;
+  double damping_ = 1e-6;
+  size_t next_point_ = 0;
+  double cost_ = 0;
+  int attempt_ = 0;
   BlockSystem system_;
   Eigen::VectorXd step_;
-  std::vector<std::vector<Similarity3>> changes_;  // of the world, by body and keyframe
-  std::vector<Eigen::Vector3d> points_;            // after the step
-  RelaxationSummary summary_;
+  std::vector<std::vector<Similarity3>> step_moved_;  // the world, by body and keyframe
+  std::vector<Eigen::Vector3d> tried_;                // points after the step
+  double tried_cost_ = 0;
 };
-
-}  // namespace
 
 Status MapRelaxationOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(positions.Validate());
-  if (max_iterations < 1 || !(min_decrease >= 0) || !(loss_scale_sigmas > 0) ||
-      !(readmitting_chi2 >= 0) || !(distance_prior_relative > 0)) {
+  if (max_iterations < 1 || max_whole_submaps < 1 || max_landmarks < 8 || !(min_decrease >= 0) ||
+      !(loss_scale_sigmas > 0) || !(readmitting_chi2 >= 0) || !(distance_prior_relative > 0)) {
     return absl::InvalidArgumentError("map relaxation: limits out of range");
   }
   return absl::OkStatus();
+}
+
+MapRelaxation::MapRelaxation(const MapRelaxationOptions& options, const MetricFrameOptions& metric,
+                             const std::vector<SubmapId>& submaps, const MapModel& model,
+                             const std::vector<PositionTerm>* positions)
+    : impl_(std::make_unique<Impl>(options, metric, submaps, model, positions)) {}
+
+MapRelaxation::~MapRelaxation() = default;
+
+bool MapRelaxation::Run(const std::atomic<bool>* interrupt) { return impl_->Run(interrupt); }
+
+const RelaxationSummary& MapRelaxation::summary() const { return impl_->summary(); }
+
+std::map<SubmapId, Similarity3> MapRelaxation::ApplyTo(MapModel* model) const {
+  return impl_->map().ApplyTo(model);
 }
 
 RelaxationSummary RelaxSubmaps(const MapRelaxationOptions& options,
@@ -418,7 +416,10 @@ RelaxationSummary RelaxSubmaps(const MapRelaxationOptions& options,
                                const std::vector<SubmapId>& submaps,
                                const std::atomic<bool>* interrupt, MapModel* model,
                                const std::vector<PositionTerm>* positions) {
-  return Relaxation(options, metric, submaps, interrupt, model, positions).Run();
+  MapRelaxation relaxation(options, metric, submaps, *model, positions);
+  relaxation.Run(interrupt);
+  if (relaxation.summary().iterations > 0) relaxation.ApplyTo(model);
+  return relaxation.summary();
 }
 
 }  // namespace portolan

@@ -11,6 +11,8 @@
 #define PORTOLAN_SERVER_ALIGNMENT_MAP_RELAXATION_H_
 
 #include <atomic>
+#include <map>
+#include <memory>
 #include <vector>
 
 #include "server/alignment/map_adjuster.h"
@@ -33,6 +35,10 @@ struct MapRelaxationOptions {
   GeoreferenceFitOptions positions;
   // Prior of a landmark's position relative to its distance, which holds those without parallax.
   double distance_prior_relative = 0.5;
+  // In maps of more submaps than the first, so many landmarks of each take part: long errors show in
+  // a few as well as in all.
+  int max_whole_submaps = 300;
+  int max_landmarks = 60;
 
   Status Validate() const;
 };
@@ -48,7 +54,29 @@ struct RelaxationSummary {
 // start stays, but for its scale if metric submaps tell it. With `positions` (null for none; the
 // world is the site frame) everything moves, and the submaps bend so that the terms' places come to
 // theirs, too; terms that contradict the others lose weight. Takes time in proportion to the
-// observations. Interrupted, it keeps the steps that were complete. Deterministic.
+// observations. Deterministic.
+// Works on a copy of what it needs, so that it may go on after the model has changed.
+class MapRelaxation {
+ public:
+  MapRelaxation(const MapRelaxationOptions& options, const MetricFrameOptions& metric,
+                const std::vector<SubmapId>& submaps, const MapModel& model,
+                const std::vector<PositionTerm>* positions);
+  ~MapRelaxation();
+
+  // Goes on to its end, which is true, or until the interrupt; call it again then.
+  bool Run(const std::atomic<bool>* interrupt);
+  // `interrupted` and so on, so far.
+  const RelaxationSummary& summary() const;
+  // Moves the model as the complete steps moved the copy, once; the submaps that were relaxed are
+  // still there, in the same world. Returns how the world about the end of each moved.
+  std::map<SubmapId, Similarity3> ApplyTo(MapModel* model) const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// All of it at once. Interrupted, it keeps the steps that were complete.
 RelaxationSummary RelaxSubmaps(const MapRelaxationOptions& options,
                                const MetricFrameOptions& metric,
                                const std::vector<SubmapId>& submaps,

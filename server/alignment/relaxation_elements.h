@@ -3,10 +3,13 @@
 #define PORTOLAN_SERVER_ALIGNMENT_RELAXATION_ELEMENTS_H_
 
 #include <array>
+#include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "common/base/strong_id.h"
 #include "common/geometry/similarity3.h"
+#include "server/refinement/refined_submap.h"
 
 namespace portolan {
 
@@ -19,10 +22,33 @@ struct RelaxationBody {
   // Tangents at the end node, which are in the successor's frame, in this one's.
   Matrix7d from_end = Matrix7d::Identity();
   int last_keyframe = 0;
+  std::shared_ptr<const CameraModel> camera;
+  std::vector<Rigid3> world_from_camera;
+  // How the world about each camera moved.
+  std::vector<Similarity3> moved;
 
   double PartOf(int keyframe) const {
     return last_keyframe == 0 ? 0.0 : static_cast<double>(keyframe) / last_keyframe;
   }
+};
+
+// One observation.
+struct RelaxationSight {
+  int body = 0;
+  uint16_t keyframe = 0;
+  bool inlier = true;
+  Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+  float sigma_px = 1;
+};
+
+// A landmark that takes part, and its observations.
+struct RelaxationPoint {
+  int landmark = 0;  // in the model
+  Eigen::Vector3d in_world = Eigen::Vector3d::Zero();
+  Eigen::Vector3d at_start = Eigen::Vector3d::Zero();
+  int owner = -1;  // body of the oldest sight; -1 if it is not among them
+  size_t begin = 0;
+  size_t end = 0;
 };
 
 using Matrix37d = Eigen::Matrix<double, 3, 7>;

@@ -9,7 +9,7 @@
 
 namespace portolan {
 
-// Thread-compatible: the map thread alone calls it, except for Refine. The meaning of each call is
+// Thread-compatible: the map thread alone calls it, except for Prepare. The meaning of each call is
 // MapBuilder's.
 class MapEngine {
  public:
@@ -17,8 +17,8 @@ class MapEngine {
 
   virtual void Restore(std::shared_ptr<const MapSnapshot> snapshot) = 0;
   virtual void SetSurvey(std::shared_ptr<const Survey>) {}
-  // Thread-safe. Null: IntegrateSubmap does it.
-  virtual std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput&) const { return nullptr; }
+  // Called for each submap in turn, on another thread. Null: IntegrateSubmap does it.
+  virtual std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput&) { return nullptr; }
   virtual void IntegrateSubmap(const SubmapInput& input) = 0;
   virtual bool HasBackgroundWork() const = 0;
   virtual void RunBackgroundWork(const std::atomic<bool>& interrupt) = 0;

@@ -33,7 +33,7 @@ void MapThread::Start(std::vector<SubmapInput> backlog) {
     queue_.push_back(std::make_shared<Entry>(Entry{std::move(input)}));
   }
   thread_ = std::thread([this] { Run(); });
-  refining_thread_ = std::thread([this] { RunRefinements(); });
+  preparing_thread_ = std::thread([this] { RunPreparations(); });
 }
 
 void MapThread::Push(std::vector<SubmapInput> submaps) {
@@ -44,8 +44,6 @@ void MapThread::Push(std::vector<SubmapInput> submaps) {
     if (stop_) return;
     queue_.push_back(std::make_shared<Entry>(Entry{std::move(submap)}));
     ++pushed_count_;
-    if (!options_.lockstep) interrupt_ = true;
-    wake_.notify_one();
     has_entry_.notify_one();
   }
 }
@@ -74,23 +72,34 @@ void MapThread::Shutdown() {
     wake_.notify_one();
     has_room_.notify_all();
     has_entry_.notify_all();
-    is_refined_.notify_all();
   }
   if (thread_.joinable()) thread_.join();
-  if (refining_thread_.joinable()) refining_thread_.join();
+  if (preparing_thread_.joinable()) preparing_thread_.join();
 }
 
 void MapThread::Run() {
   std::unique_lock lock(mutex_);
   while (!stop_) {
-    if (!queue_.empty()) {
-      const std::shared_ptr<Entry> entry = TakeFront(&lock);
-      if (!entry) break;
+    if (HasPrepared()) {
+      const std::shared_ptr<Entry> entry = queue_.front();
+      queue_.pop_front();
       has_room_.notify_one();
+      has_entry_.notify_one();
       lock.unlock();
       Integrate(entry->input);
       lock.lock();
       ++integrated_count_;
+      continue;
+    }
+    const auto wait = [&](bool is_settled) {
+      wake_.wait(lock, [&] {
+        return stop_ || HasPrepared() ||
+               (is_settled ? survey_ != nullptr || !waiters_.empty() : queue_.empty());
+      });
+    };
+    // What is done between two submaps must not depend on how long the next one's preparation takes.
+    if (options_.lockstep && !queue_.empty()) {
+      wait(false);
       continue;
     }
     if (survey_) {
@@ -109,49 +118,45 @@ void MapThread::Run() {
       lock.lock();
       continue;
     }
+    lock.lock();
+    if (!queue_.empty()) {
+      wait(false);
+      continue;
+    }
+    lock.unlock();
     Save();
     NotifySettled();
     lock.lock();
-    wake_.wait(lock, [&] { return stop_ || !queue_.empty() || survey_ || !waiters_.empty(); });
+    wait(true);
   }
   lock.unlock();
   Publish();
   Save();
 }
 
-std::shared_ptr<MapThread::Entry> MapThread::NextToRefine() const {
-  // No farther ahead than memory allows: a refined submap is twice as large.
+std::shared_ptr<MapThread::Entry> MapThread::NextToPrepare() const {
+  // No farther ahead than memory allows: a prepared submap is twice as large.
   const size_t end = std::min<size_t>(queue_.size(), 8);
   for (size_t i = 0; i < end; ++i) {
-    if (!queue_[i]->is_refining && !queue_[i]->is_refined) return queue_[i];
+    if (!queue_[i]->is_prepared) return queue_[i];
   }
   return nullptr;
 }
 
-void MapThread::RunRefinements() {
+void MapThread::RunPreparations() {
   std::unique_lock lock(mutex_);
   while (true) {
     std::shared_ptr<Entry> entry;
-    has_entry_.wait(lock, [&] { return stop_ || (entry = NextToRefine()) != nullptr; });
+    has_entry_.wait(lock, [&] { return stop_ || (entry = NextToPrepare()) != nullptr; });
     if (stop_) return;
-    entry->is_refining = true;
     lock.unlock();
-    std::shared_ptr<const RefinedSubmap> refined = engine_->Refine(entry->input);
+    std::shared_ptr<const PreparedSubmap> prepared = engine_->Prepare(entry->input);
     lock.lock();
-    entry->input.refined = std::move(refined);
-    entry->is_refining = false;
-    entry->is_refined = true;
-    is_refined_.notify_one();
+    entry->input.prepared = std::move(prepared);
+    entry->is_prepared = true;
+    if (!options_.lockstep) interrupt_ = true;
+    wake_.notify_one();
   }
-}
-
-std::shared_ptr<MapThread::Entry> MapThread::TakeFront(std::unique_lock<std::mutex>* lock) {
-  std::shared_ptr<Entry> entry = queue_.front();
-  is_refined_.wait(*lock, [&] { return stop_ || !entry->is_refining; });
-  if (stop_) return nullptr;
-  queue_.pop_front();
-  has_entry_.notify_one();
-  return entry;
 }
 
 void MapThread::Integrate(const SubmapInput& input) {

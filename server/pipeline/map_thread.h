@@ -1,5 +1,5 @@
 // The thread that owns the map: integrates committed submaps, does background work when idle,
-// publishes and saves each version. A second thread refines submaps that wait in the queue.
+// publishes and saves each version. A second thread prepares the submaps that wait in the queue.
 #ifndef PORTOLAN_SERVER_PIPELINE_MAP_THREAD_H_
 #define PORTOLAN_SERVER_PIPELINE_MAP_THREAD_H_
 
@@ -75,16 +75,15 @@ class MapThread {
   // A submap in the queue.
   struct Entry {
     SubmapInput input;
-    bool is_refining = false;
-    bool is_refined = false;
+    bool is_prepared = false;
   };
 
   void Run();
-  // Refines what waits in the queue, the oldest first.
-  void RunRefinements();
-  std::shared_ptr<Entry> NextToRefine() const;
-  // Takes the oldest submap, refined unless nobody began to; null if stopped meanwhile.
-  std::shared_ptr<Entry> TakeFront(std::unique_lock<std::mutex>* lock);
+  // Prepares what waits in the queue, in its order.
+  void RunPreparations();
+  std::shared_ptr<Entry> NextToPrepare() const;
+  // True if the map thread may integrate the oldest submap.
+  bool HasPrepared() const { return !queue_.empty() && queue_.front()->is_prepared; }
   void Integrate(const SubmapInput& input);
   void FinishBackgroundWork();
   // Publishes the engine's snapshot if it is new.
@@ -108,8 +107,7 @@ class MapThread {
   mutable std::mutex mutex_;
   std::condition_variable wake_;
   std::condition_variable has_room_;
-  std::condition_variable has_entry_;  // for the refining thread
-  std::condition_variable is_refined_;
+  std::condition_variable has_entry_;  // for the preparing thread
   // Guarded by mutex_.
   std::deque<std::shared_ptr<Entry>> queue_;
   std::shared_ptr<const Survey> survey_;  // not taken in yet; null for none
@@ -121,7 +119,7 @@ class MapThread {
   bool stop_ = false;
 
   std::thread thread_;
-  std::thread refining_thread_;
+  std::thread preparing_thread_;
 };
 
 }  // namespace portolan

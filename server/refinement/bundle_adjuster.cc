@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <memory>
+#include <utility>
 
 #include "common/bundle/bundle_solver.h"
 #include "server/refinement/bundle_costs.h"
@@ -137,21 +138,25 @@ int FreeCameras(const BundleProblem& problem, const BundleParameters& parameters
   return count;
 }
 
-void MarkInliers(const BundleOptions& options, BundleProblem* problem, BundleSummary* summary) {
+// True if some observation changed sides.
+bool MarkInliers(const BundleOptions& options, BundleProblem* problem, BundleSummary* summary) {
+  bool has_changed = false;
   summary->inlier_count = 0;
   double sum_sigmas = 0;
   double sum_px = 0;
   for (BundleObservation& observation : problem->observations) {
     const double chi2 = ReprojectionChi2(*problem, observation);
-    observation.inlier = chi2 < options.outlier_chi2;
+    const bool was_inlier = std::exchange(observation.inlier, chi2 < options.outlier_chi2);
+    has_changed = has_changed || observation.inlier != was_inlier;
     if (!observation.inlier) continue;
     ++summary->inlier_count;
     sum_sigmas += chi2;
     sum_px += chi2 * observation.sigma_px * observation.sigma_px;
   }
-  if (summary->inlier_count == 0) return;
+  if (summary->inlier_count == 0) return has_changed;
   summary->rms_sigmas = std::sqrt(sum_sigmas / summary->inlier_count);
   summary->rms_px = std::sqrt(sum_px / summary->inlier_count);
+  return has_changed;
 }
 
 }  // namespace
@@ -171,7 +176,9 @@ BundleSummary AdjustBundle(const BundleOptions& options, const std::atomic<bool>
     summary.usable = true;
     summary.interrupted = interrupt != nullptr && *interrupt;
     parameters.WriteTo(options, problem);
-    MarkInliers(options, problem, &summary);
+    const bool has_changed = MarkInliers(options, problem, &summary);
+    // Another round would start where this one converged.
+    if (!has_changed && solve.iterations < options.max_iterations) break;
   }
   return summary;
 }

@@ -21,6 +21,9 @@ constexpr double kRelativeVarianceFloor = 1e-10;
 // The trial of the depth-reversed start ends after three iterations if it still costs this many
 // times as much; it then takes a tenth of the refinement's time instead of a third.
 constexpr double kHopelessCost = 4.0;
+// ... and first of all it has so many of the tracks, if there are twice as many: a start that is
+// better for all is so for a part.
+constexpr size_t kTrialTracks = 60;
 
 struct Sight {
   int keyframe = 0;
@@ -76,49 +79,95 @@ class Refinement {
       reason = Adjust(options_.bundle);
       if (round > 0 && reason.empty()) break;
       if (!summary_.usable) break;
-      TriangulateMissing();
+      const bool has_more = TriangulateMissing();
+      if (reason.empty() && !has_more) break;
     }
     return reason;
   }
 
+  using Start = bool (Refinement::*)();
+
+  // As it stands, with some of the tracks.
+  Refinement(const Refinement& whole, size_t track_count)
+      : options_(whole.options_),
+        submap_(whole.submap_),
+        scene_depth_(whole.scene_depth_),
+        filter_is_wrong_(whole.filter_is_wrong_) {
+    problem_.cameras = whole.problem_.cameras;
+    const size_t all = whole.tracks_.size();
+    size_t point = 0;
+    size_t begin = 0;
+    for (const auto& [track, sights] : whole.tracks_) {
+      // So many of all, evenly.
+      const bool is_taken = (point + 1) * track_count / all > point * track_count / all;
+      if (is_taken) {
+        tracks_.emplace_hint(tracks_.end(), track, sights);
+        const int own = static_cast<int>(problem_.points.size());
+        problem_.points.push_back(whole.problem_.points[point]);
+        for (size_t i = begin; i < begin + sights.size(); ++i) {
+          problem_.observations.push_back(whole.problem_.observations[i]);
+          problem_.observations.back().point = own;
+        }
+      }
+      ++point;
+      begin += sights.size();
+    }
+  }
+
   void TryOtherStarts(std::string* reason) {
-    TryOther(reason, [this] { return StartReversed(); });
+    TryOther(reason, &Refinement::StartReversed);
     const double observations = static_cast<double>(problem_.observations.size());
     if (submap_.raw->link != LinkType::kConnected || !reason->empty() ||
         TruncatedCost() > options_.suspicious_cost * observations) {
-      TryOther(reason, [this] { return StartFromTheEnd(); });
+      TryOther(reason, &Refinement::StartFromTheEnd);
     }
   }
 
   // Adjusts from another start as well, if there is one, and keeps what explains the observations
   // better.
-  template <typename Start>
-  void TryOther(std::string* reason, const Start& start) {
+  void TryOther(std::string* reason, Start start) {
+    if (tracks_.size() >= 2 * kTrialTracks && !IsBetterForSome(start)) return;
     const double cost = TruncatedCost();
     const BundleProblem problem = problem_;
     const BundleSummary summary = summary_;
     const bool filter_is_wrong = filter_is_wrong_;
-    if (start()) {
-      BundleOptions quick = options_.bundle;
-      quick.rounds = 1;
-      quick.max_iterations = 3;
-      Adjust(quick);
-      if (summary_.usable && TruncatedCost() < kHopelessCost * cost) {
-        quick.max_iterations = 7;
-        Adjust(quick);
-      }
-      if (summary_.usable && TruncatedCost() < options_.other_trial_cost * cost) {
-        TriangulateMissing();
-        const std::string other_reason = AdjustInRounds();
-        if (summary_.usable && TruncatedCost() < options_.other_cost * cost) {
-          *reason = other_reason;
-          return;
-        }
+    if (IsPromising(start)) {
+      TriangulateMissing();
+      const std::string other_reason = AdjustInRounds();
+      if (summary_.usable && TruncatedCost() < options_.other_cost * cost) {
+        *reason = other_reason;
+        return;
       }
     }
     problem_ = problem;
     summary_ = summary;
     filter_is_wrong_ = filter_is_wrong;
+  }
+
+  // A sound submap comes to where it was from most starts; that, too, a part of the tracks tells.
+  bool IsBetterForSome(Start start) const {
+    Refinement here(*this, kTrialTracks);
+    Refinement other = here;
+    if (!other.IsPromising(start)) return false;
+    other.TriangulateMissing();
+    other.AdjustInRounds();
+    here.AdjustInRounds();
+    return other.summary_.usable &&
+           other.TruncatedCost() < options_.other_cost * here.TruncatedCost();
+  }
+
+  // Starts there; a few iterations must come near the cost there is.
+  bool IsPromising(Start start) {
+    const double cost = TruncatedCost();
+    if (!(this->*start)()) return false;
+    BundleOptions quick = options_.bundle;
+    quick.rounds = 1;
+    quick.max_iterations = 3;
+    Adjust(quick);
+    if (!summary_.usable || !(TruncatedCost() < kHopelessCost * cost)) return false;
+    quick.max_iterations = 7;
+    Adjust(quick);
+    return summary_.usable && TruncatedCost() < options_.other_trial_cost * cost;
   }
 
   // For small motions across the line of sight, inverse depths rho about their median m and the
@@ -223,8 +272,10 @@ class Refinement {
     }
   }
 
-  // Triangulates the points with fewer than two inliers, all of them the first time.
-  void TriangulateMissing() {
+  // Triangulates the points with fewer than two inliers, all of them the first time. True if it
+  // found some.
+  bool TriangulateMissing() {
+    bool has_found = false;
     size_t begin = 0;
     size_t point = 0;
     for (const auto& [track, sights] : tracks_) {
@@ -233,12 +284,15 @@ class Refinement {
       begin += sights.size();
       const auto inliers =
           std::count_if(first, last, [](const BundleObservation& o) { return o.inlier; });
-      if (inliers < 2) TriangulatePoint(track, first, last, &problem_.points[point]);
+      if (inliers < 2) {
+        has_found = TriangulatePoint(track, first, last, &problem_.points[point]) || has_found;
+      }
       ++point;
     }
+    return has_found;
   }
 
-  void TriangulatePoint(TrackId track, std::vector<BundleObservation>::iterator first,
+  bool TriangulatePoint(TrackId track, std::vector<BundleObservation>::iterator first,
                         std::vector<BundleObservation>::iterator last, BundlePoint* point) {
     std::vector<TrackSight> sights;
     for (auto it = first; it != last; ++it) {
@@ -248,9 +302,10 @@ class Refinement {
     const std::optional<TriangulatedPoint> result =
         TriangulateTrack(options_.triangulation, sights,
                          filter_is_wrong_ ? std::nullopt : FilterPoint(track), scene_depth_);
-    if (!result) return;
+    if (!result) return false;
     point->point_in_world = result->point_in_world;
     for (auto it = first; it != last; ++it) it->inlier = result->inliers[it - first];
+    return true;
   }
 
   std::optional<Eigen::Vector3d> FilterPoint(TrackId track) const {

@@ -123,14 +123,15 @@ class Verification {
           inliers_.push_back(guided.matches[i]);
         }
       }
-      const auto refined = RefineSimilarity(a_, b_, inliers_, rough->a_from_b, refinement_options_);
-      if (!refined) return Refuse("refinement failed");
-      refined_ = *refined;
-      a_from_b_ = refined_.a_from_b;
+      a_from_b_ = rough->a_from_b;
       report_->inlier_share =
           inliers_.size() / std::max(1.0, static_cast<double>(guided.matches.size()));
       report_->visible_share = inliers_.size() / std::max(1.0, 0.5 * guided.predicted);
     }
+    const auto refined = RefineSimilarity(a_, b_, inliers_, a_from_b_, refinement_options_);
+    if (!refined) return Refuse("refinement failed");
+    refined_ = *refined;
+    a_from_b_ = refined_.a_from_b;
     CountSupport();
     const double scale = a_from_b_.scale;
     const bool believable =
@@ -271,18 +272,26 @@ StatusOr<Verifier> Verifier::Create(const VerifierOptions& options) {
   return Verifier(options);
 }
 
+std::optional<SubmapPoints> Verifier::PointsOf(const RefinedSubmap& submap) const {
+  return MakeSubmapPoints(submap, options_.max_features);
+}
+
 std::optional<Closure> Verifier::Verify(const RefinedSubmap& a, const RefinedSubmap& b,
+                                        VerificationReport* report) const {
+  return Verify(PointsOf(a), PointsOf(b), report);
+}
+
+std::optional<Closure> Verifier::Verify(const std::optional<SubmapPoints>& a,
+                                        const std::optional<SubmapPoints>& b,
                                         VerificationReport* report) const {
   VerificationReport unused;
   if (report == nullptr) report = &unused;
   *report = VerificationReport();
-  const auto points_a = MakeSubmapPoints(a, options_.max_features);
-  const auto points_b = MakeSubmapPoints(b, options_.max_features);
-  if (!points_a || !points_b) {
+  if (!a || !b) {
     report->refusal = "nothing to match";
     return std::nullopt;
   }
-  Verification verification(options_, *points_a, *points_b, report);
+  Verification verification(options_, *a, *b, report);
   if (!verification.Run()) return std::nullopt;
   return verification.MakeClosure();
 }

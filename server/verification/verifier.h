@@ -14,6 +14,7 @@
 #include "server/verification/pair_evidence.h"
 #include "server/verification/rivals.h"
 #include "server/verification/similarity_ransac.h"
+#include "server/verification/submap_points.h"
 
 namespace portolan {
 
@@ -83,6 +84,13 @@ class Verifier {
   // LandmarkMatch names tracks that have a landmark in both submaps; no track appears twice. The
   // scale is estimated for metric submaps as well: their own scales have errors of some percent.
   std::optional<Closure> Verify(const RefinedSubmap& a, const RefinedSubmap& b,
+                                VerificationReport* report = nullptr) const;
+
+  // The same in two steps, for a submap that is compared with several. The points refer to it; no
+  // value if there is nothing to match.
+  std::optional<SubmapPoints> PointsOf(const RefinedSubmap& submap) const;
+  std::optional<Closure> Verify(const std::optional<SubmapPoints>& a,
+                                const std::optional<SubmapPoints>& b,
                                 VerificationReport* report = nullptr) const;
 
  private:

@@ -1,0 +1,51 @@
+// What a relaxation knows of the map: a copy, so that it can go on while the map changes.
+#ifndef PORTOLAN_SERVER_ALIGNMENT_RELAXATION_MAP_H_
+#define PORTOLAN_SERVER_ALIGNMENT_RELAXATION_MAP_H_
+
+#include <map>
+#include <unordered_map>
+#include <vector>
+
+#include "server/alignment/map_model.h"
+#include "server/alignment/relaxation_elements.h"
+
+namespace portolan {
+
+class RelaxationMap {
+ public:
+  // Takes all landmarks of the submaps, or `max_landmarks` of each: those that most submaps see,
+  // and every few of the others.
+  RelaxationMap(const MapModel& model, const std::vector<SubmapId>& submaps, size_t max_landmarks);
+
+  std::vector<RelaxationBody>& bodies() { return bodies_; }
+  const std::vector<RelaxationBody>& bodies() const { return bodies_; }
+  std::vector<RelaxationPoint>& points() { return points_; }
+  const std::vector<RelaxationSight>& sights() const { return sights_; }
+  int node_count() const { return node_count_; }  // starts by body, then the ends of sessions
+  int BodyOf(SubmapId id) const { return body_of_.at(id); }
+
+  // From the cameras as they are now.
+  void UpdateFrames();
+
+  // Moves the model's submaps as these moved: cameras, and landmarks, whether or not they took part.
+  // Returns how the world about the end of each moved.
+  std::map<SubmapId, Similarity3> ApplyTo(MapModel* model) const;
+
+ private:
+  void AddBodies(const MapModel& model, const std::vector<SubmapId>& submaps);
+  void AddPoints(const MapModel& model, const std::vector<SubmapId>& submaps,
+                 size_t max_landmarks);
+  std::vector<int> Selected(const MapModel& model, const RelaxationBody& body,
+                            size_t max_landmarks) const;
+  void AddPoint(const MapModel& model, int landmark);
+
+  std::vector<RelaxationBody> bodies_;
+  std::vector<RelaxationPoint> points_;
+  std::vector<RelaxationSight> sights_;
+  std::unordered_map<SubmapId, int> body_of_;
+  int node_count_ = 0;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_SERVER_ALIGNMENT_RELAXATION_MAP_H_
