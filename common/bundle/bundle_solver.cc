@@ -49,7 +49,7 @@ class Solver {
       weighted_.resize(6 * block_count_, 3);
     }
     states_.resize(problem.cameras.size());
-    AddTerms();
+    CollectTerms(options, problem, parameters_, place_of_, &terms_, &points_);
   }
 
   BundleSolve Run() {
@@ -111,51 +111,6 @@ class Solver {
   }
 
  private:
-  void AddTerms() {
-    // The observations sorted by point.
-    std::vector<size_t> begin_of(problem_.points.size() + 1, 0);
-    for (const BundleObservation& observation : problem_.observations) {
-      if (parameters_.HasSay(problem_, observation)) ++begin_of[observation.point + 1];
-    }
-    for (size_t i = 1; i < begin_of.size(); ++i) begin_of[i] += begin_of[i - 1];
-    std::vector<int> order(begin_of.back());
-    std::vector<size_t> next(begin_of.begin(), begin_of.end() - 1);
-    for (size_t i = 0; i < problem_.observations.size(); ++i) {
-      const BundleObservation& observation = problem_.observations[i];
-      if (!parameters_.HasSay(problem_, observation)) continue;
-      order[next[observation.point]++] = static_cast<int>(i);
-    }
-    terms_.reserve(order.size());
-    for (const int i : order) {
-      const BundleObservation& observation = problem_.observations[i];
-      terms_.push_back({observation.camera, place_of_[observation.camera],
-                        ReprojectionError(&parameters_.point_references[observation.point],
-                                          observation.pixel, observation.sigma_px)});
-      AddLens(observation, &terms_.back());
-    }
-    for (size_t point = 0; point < problem_.points.size(); ++point) {
-      if (begin_of[point] == begin_of[point + 1]) continue;
-      PointTerms terms;
-      terms.point = static_cast<int>(point);
-      terms.begin = begin_of[point];
-      terms.end = begin_of[point + 1];
-      terms.is_free = parameters_.IsAdjusted(problem_, point);
-      terms.rho = parameters_.points[point][2];
-      terms.inverse_sigma = 1 / parameters_.InverseDepthSigma(options_, point);
-      points_.push_back(terms);
-    }
-  }
-
-  void AddLens(const BundleObservation& observation, Term* term) const {
-    const BundleCamera& camera = problem_.cameras[observation.camera];
-    if (camera.lens < 0) return;
-    term->lens = camera.lens;
-    term->lens_slope =
-        camera.model->DPixelDRadial(camera.world_from_camera.Inverse() *
-                                    problem_.points[observation.point].point_in_world) /
-        observation.sigma_px;
-  }
-
   int PlaceOfLens(int lens) const { return free_count_ + lens; }
 
   double RobustCost(double chi2) const {

@@ -6,6 +6,7 @@
 #include <array>
 #include <vector>
 
+#include "common/bundle/bundle_parameters.h"
 #include "common/bundle/bundle_terms.h"
 
 namespace portolan::bundle_solver {
@@ -42,6 +43,11 @@ struct PointTerms {
   // Damped, of the last step that was tried.
   Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
 };
+
+// The observations that have a say, point by point. place_of: of a camera among the free ones, or -1.
+void CollectTerms(const BundleOptions& options, const BundleProblem& problem,
+                  const BundleParameters& parameters, const std::vector<int>& place_of,
+                  std::vector<Term>* terms, std::vector<PointTerms>* points);
 
 // What a step changes.
 struct Unknowns {
