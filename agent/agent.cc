@@ -434,6 +434,7 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) con
            landmarks_.IsLandmark(point.track)});
     }
   }
+  if (is_keyframe_ && tracked) result.features = tracker_->Describe();
   result.closed_submap = std::move(closed_submap);
   return result;
 }

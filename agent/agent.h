@@ -109,6 +109,8 @@ struct FrameResult {
   // What the frame saw of the tracks, outliers of the filter left out; ascending track id. Empty
   // if the frame is not tracked.
   std::vector<LiveSight> sights;
+  // Of a keyframe: its described points.
+  std::vector<Feature> features;
   // The submap that this frame completed, ready for upload.
   std::optional<Submap> closed_submap;
 };

@@ -218,7 +218,8 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
   if (result->begins_submap) corrector_.OpenSubmap(sequence_number, PredecessorOf(*result));
   const PlacedPose placed = localizer_.Localize(
       {frame.time, sequence_number, result->begins_submap, PredecessorOf(*result),
-       result->submap_from_camera, result->tracked, result->is_keyframe, result->sights},
+       result->submap_from_camera, result->tracked, result->is_keyframe, result->sights,
+       result->features},
       corrector_);
   recorder_.AddFrame(frame.time, *result, placed, MillisecondsSince(start));
   if (uplink_ && result->tracked) {
@@ -237,6 +238,7 @@ Status AgentRunner::TakeSubmap(Submap submap) {
              " described points left out to keep within the uplink's budget");
   }
   corrector_.CloseSubmap(submap);
+  localizer_.AddSubmap(submap);
   if (uplink_) return uplink_->Submit(submap);
   PORTOLAN_ASSIGN_OR_RETURN(const std::string bytes, EncodeSubmap(submap));
   return offline_outbox_->Append(submap.key.sequence_number, bytes);

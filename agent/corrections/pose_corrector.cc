@@ -144,10 +144,25 @@ std::optional<CorrectedSubmap> PoseCorrector::NewestPlaced(uint32_t sequence_num
     if (at == submaps_.end()) return std::nullopt;
     const SubmapRecord& record = at->second;
     if (record.placement && !record.correction.keyframes.empty()) {
-      return CorrectedSubmap{WorldFrame(record).origin, record.correction.keyframes};
+      return CorrectedSubmap{WorldFrame(record).origin, record.correction.keyframes,
+                             record.placement->world_from_submap.scale};
     }
     if (!record.predecessor_from_submap || current == 0) return std::nullopt;
   }
+}
+
+std::vector<CorrectedSubmap> PoseCorrector::PlacedSince(uint64_t map_version) const {
+  std::unique_lock lock(mutex_);
+  std::vector<CorrectedSubmap> placed;
+  for (const auto& [sequence_number, record] : submaps_) {
+    if (!record.placement || record.placement_version <= map_version ||
+        record.correction.keyframes.empty()) {
+      continue;
+    }
+    placed.push_back({WorldFrame(record).origin, record.correction.keyframes,
+                      record.placement->world_from_submap.scale});
+  }
+  return placed;
 }
 
 std::vector<PlacedFrame> PoseCorrector::Trajectory() const {

@@ -39,6 +39,8 @@ struct PlacedFrame {
 struct CorrectedSubmap {
   PlacedPose origin;  // frame_from_camera unused
   std::vector<CorrectedKeyframe> keyframes;
+  // World units a unit of the submap.
+  double scale = 1;
 };
 
 // Keeps the session's submaps (links, frames, keyframe poses) and the newest correction of each.
@@ -66,6 +68,9 @@ class PoseCorrector {
   // The newest submap with adjusted keyframes that connected links lead to from this one, itself
   // included.
   std::optional<CorrectedSubmap> NewestPlaced(uint32_t sequence_number) const;
+
+  // The submaps with adjusted keyframes that were placed by a later version.
+  std::vector<CorrectedSubmap> PlacedSince(uint64_t map_version) const;
 
   // All frames of the closed submaps in ascending time, each once. A submap without correction
   // is placed over connected links by its nearest older, else its nearest younger neighbour.

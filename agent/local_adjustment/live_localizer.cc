@@ -18,9 +18,19 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, const PoseCorrector& 
   PlacedPose placed = corrector.Place(frame.sequence_number, frame.submap_from_camera);
   if (!frame.tracked) return placed;
   FollowCorrections(frame.sequence_number, corrector);
-  const Rigid3 pose =
+  Rigid3 pose =
       window_.Locate(odometry_from_submap_ * frame.submap_from_camera, frame.sights);
-  if (frame.is_keyframe) window_.AddKeyframe(frame.time);
+  if (frame.is_keyframe) {
+    std::optional<Revisit> revisit;
+    static const int gap = getenv("REVISIT_GAP") ? atoi(getenv("REVISIT_GAP")) : 2;
+    if (held_ && !frame.features.empty() &&
+        static_cast<int>(frame.sequence_number) >= gap) {
+      revisit = matcher_.Match(memory_, held_->component, frame.sequence_number - gap, pose,
+                               frame.features);
+    }
+    window_.AddKeyframe(frame.time, std::move(revisit));
+    pose = window_.last_pose();
+  }
   if (held_) {
     placed = *held_;
     placed.frame_from_camera = pose;
@@ -34,6 +44,11 @@ void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrec
   const uint64_t version = corrector.map_version();
   if (version == seen_version_) return;
   seen_version_ = version;
+  for (const CorrectedSubmap& submap : corrector.PlacedSince(memory_version_)) {
+    memory_.Place(submap.origin.frame_submap, submap.origin.component, submap.scale,
+                  submap.keyframes);
+  }
+  memory_version_ = version;
   const std::optional<CorrectedSubmap> newest = corrector.NewestPlaced(sequence_number);
   if (!newest) return;
   if (held_ && newest->origin.frame_submap == held_->frame_submap &&
@@ -45,6 +60,9 @@ void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrec
     poses.push_back({keyframe.time, keyframe.world_from_camera});
   }
   if (window_.Hold(poses)) {
+    if (getenv("REVISIT_NOREVISE") == nullptr) {
+      window_.Revise([this](const KnownLandmarkId& id) { return memory_.PositionOf(id); }, matcher_);
+    }
     held_ = newest->origin;
   } else if (held_ && held_->component != newest->origin.component) {
     // The window's world is no more.

@@ -23,6 +23,8 @@ struct LiveFrame {
   bool is_keyframe = false;
   // Ascending track id.
   std::span<const LiveSight> sights;
+  // Of a keyframe that is described.
+  std::span<const Feature> features;
 };
 
 // Protocol: Localize for every frame in order of time, after the corrector was told of its submap.
@@ -30,7 +32,10 @@ struct LiveFrame {
 class LiveLocalizer {
  public:
   LiveLocalizer(const LocalAdjustmentOptions& options, const CameraModel& camera)
-      : window_(options, camera) {}
+      : window_(options, camera), memory_({}, camera), matcher_({}, camera) {}
+
+  // A submap was closed.
+  void AddSubmap(const Submap& submap) { memory_.AddSubmap(submap); }
 
   // Where the frame is by all that is known now.
   PlacedPose Localize(const LiveFrame& frame, const PoseCorrector& corrector);
@@ -40,6 +45,9 @@ class LiveLocalizer {
   void FollowCorrections(uint32_t sequence_number, const PoseCorrector& corrector);
 
   LocalAdjustment window_;
+  LandmarkMemory memory_;
+  LandmarkMatcher matcher_;
+  uint64_t memory_version_ = 0;
   // Of the first of the connected submaps.
   Rigid3 odometry_from_submap_;
   // The correction that holds the window.

@@ -3,10 +3,12 @@
 #ifndef PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LOCAL_ADJUSTMENT_H_
 #define PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LOCAL_ADJUSTMENT_H_
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
 
+#include "agent/revisit/landmark_matcher.h"
 #include "common/bundle/resection.h"
 #include "common/bundle/bundle_options.h"
 #include "common/bundle/triangulation.h"
@@ -66,16 +68,22 @@ class LocalAdjustment {
 
   // The pose of a frame; of the first one the odometry's. sights: ascending track id.
   Rigid3 Locate(const Rigid3& odometry_from_camera, std::span<const LiveSight> sights);
-  // The frame that was located last is a keyframe.
-  void AddKeyframe(Timestamp time);
+  // The frame that was located last is a keyframe. revisit: landmarks of the map that it saw, with
+  // the pose that they tell; the window follows it.
+  void AddKeyframe(Timestamp time, std::optional<Revisit> revisit = std::nullopt);
 
   // Known poses of keyframes, in ascending time and another frame, which becomes the window's. They
   // are held from now on, older keyframes forgotten, younger ones follow. False, and nothing
   // changes, if fewer than two of them are kept.
   bool Hold(std::span<const KeyframePose> keyframes);
+  // Where the landmarks of revisits are now.
+  using PositionOf = std::function<std::optional<Eigen::Vector3d>(const KnownLandmarkId&)>;
+  void Revise(const PositionOf& position_of, const LandmarkMatcher& matcher);
 
   // Keyframes as they are believed to be now, ascending time.
   std::vector<KeyframePose> Keyframes() const;
+  // Of the frame located last, as it is believed to be now.
+  const Rigid3& last_pose() const { return window_from_camera_; }
   // Window units per unit of the odometry.
   double scale() const { return scale_; }
   int point_count() const { return static_cast<int>(points_.size()); }
@@ -87,6 +95,7 @@ class LocalAdjustment {
     Rigid3 window_from_camera;
     std::vector<Observation> sights;
     bool held = false;
+    std::vector<KnownSight> known;
   };
   struct WindowPoint {
     TrackId track;
@@ -106,6 +115,11 @@ class LocalAdjustment {
   void AddCameras(int first, int first_free, BundleProblem* problem) const;
   void AddPoint(std::span<const Sight> sights, int first, double scene_depth,
                 BundleProblem* problem) const;
+  void AddKnown(int first, int first_free, BundleProblem* problem) const;
+  // Moves all of the window so that it fits the known landmarks best.
+  void FollowKnown();
+  // Moves all of the window.
+  void Move(const Similarity3& new_from_old);
   void TakeResult(const BundleProblem& problem, const std::vector<TrackId>& tracks, int first);
   void MeasureDepth(std::span<const BundleObservation> observations,
                     const std::vector<CameraState>& cameras, double prior_sigma,

@@ -1,0 +1,38 @@
+// Landmarks of the map that do not come from the window: where the server has them.
+#ifndef PORTOLAN_AGENT_REVISIT_KNOWN_LANDMARK_H_
+#define PORTOLAN_AGENT_REVISIT_KNOWN_LANDMARK_H_
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "common/features/descriptor.h"
+
+namespace portolan {
+
+// Which landmark: of which group (a submap), and which one in it.
+struct KnownLandmarkId {
+  uint64_t group = 0;
+  uint32_t index = 0;
+};
+
+struct KnownLandmark {
+  Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  // A camera that described it.
+  Eigen::Vector3d seen_from_in_world = Eigen::Vector3d::Zero();
+  std::vector<Descriptor> descriptors;
+};
+
+// A known landmark found in a keyframe.
+struct KnownSight {
+  KnownLandmarkId landmark;
+  Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  // The landmark's own uncertainty included.
+  double sigma_px = 1;
+};
+
+}  // namespace portolan
+
+#endif  // PORTOLAN_AGENT_REVISIT_KNOWN_LANDMARK_H_
