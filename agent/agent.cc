@@ -69,6 +69,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(odometry.Validate());
   PORTOLAN_RETURN_IF_ERROR(stereo.Validate());
   PORTOLAN_RETURN_IF_ERROR(local_adjustment.Validate());
+  PORTOLAN_RETURN_IF_ERROR(revisit.Validate());
   if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
     return absl::InvalidArgumentError("min_tracks_share must be within 0 and 1");
   }
@@ -146,6 +147,7 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray,
   has_second_image_ = stereo_ && !second.empty();
   if (has_second_image_) stereo_->SetImages(gray, second);
   is_keyframe_ = begins_submap_ = found_scale_ = tracking_failed_ = false;
+  features_.clear();
   std::optional<Submap> failed;
   if (tracking_ && health_.IsPauseTooLong(time - *last_time_)) failed = HandleFailure(time);
   last_time_ = time;
@@ -344,8 +346,15 @@ void Agent::AddKeyframe(Timestamp time) {
   keyframe_selector_.SetKeyframe(time, filter_->submap_from_camera(), points);
   std::vector<Feature> features;
   if (builder_.NextIsDescribed()) features = tracker_->Describe();
+  DescribeForRevisit(features);
   builder_.AddKeyframe(time, filter_->submap_from_camera(), filter_->pose_covariance(), points,
                        std::move(features));
+}
+
+void Agent::DescribeForRevisit(const std::vector<Feature>& features) {
+  if (!options_.revisit.enabled || !features_.empty()) return;
+  if (++keyframe_count_ % options_.revisit.keyframe_interval != 0) return;
+  features_ = features.empty() ? tracker_->Describe(false) : features;
 }
 
 void Agent::OpenSubmap(LinkType link) {
@@ -411,7 +420,7 @@ std::optional<Submap> Agent::Finish() {
   return TakeSubmap(builder_.Close(filter_->Landmarks()), 2);
 }
 
-FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) const {
+FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) {
   FrameResult result;
   result.submap_sequence_number = key_.sequence_number;
   result.link = link_ == LinkType::kConnected && !link_keeps_units_ ? LinkType::kBroken : link_;
@@ -434,7 +443,7 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) con
            landmarks_.IsLandmark(point.track)});
     }
   }
-  if (is_keyframe_ && tracked) result.features = tracker_->Describe();
+  if (tracked) result.features = std::exchange(features_, {});
   result.closed_submap = std::move(closed_submap);
   return result;
 }

@@ -194,6 +194,15 @@ void AddLocalAdjustment(LocalAdjustmentOptions* options, OptionSection section) 
               "errors beyond this many weigh less");
 }
 
+void AddRevisit(RevisitOptions* options, OptionSection section) {
+  section.Add("enabled", &options->enabled, "",
+              "live poses hold on to landmarks of the map that the agent sees again");
+  section.Add("keyframe_interval", &options->keyframe_interval, "keyframes",
+              "every n-th keyframe is searched for them");
+  section.Add("offered_bytes_per_second", &options->offered_bytes_per_second, "bytes/s",
+              "what the server may send of other agents' landmarks; 0 for nothing");
+}
+
 void AddStereo(StereoOptions* options, OptionSection section) {
   section.Add("nearest_m", &options->nearest_m, "m",
               "nothing nearer is looked for in the second camera's image");
@@ -222,6 +231,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddOdometry(&options->odometry, table->Section("odometry"));
   AddStereo(&options->stereo, table->Section("stereo"));
   AddLocalAdjustment(&options->local_adjustment, table->Section("local_adjustment"));
+  AddRevisit(&options->revisit, table->Section("revisit"));
   table->Add("min_tracks_share", &options->min_tracks_share, "",
              "new corners are looked for when fewer than this share of the points is left");
 }

@@ -96,20 +96,19 @@ StatusOr<std::unique_ptr<AgentRunner>> AgentRunner::Create(const RunnerOptions& 
   PORTOLAN_ASSIGN_OR_RETURN(const VehicleSensors sensors, FindSensors(*source));
   PORTOLAN_ASSIGN_OR_RETURN(
       auto agent, Agent::Create(agent_options, camera, AgentId(runner.agent), session, sensors));
-  std::unique_ptr<AgentRunner> result(new AgentRunner(runner, agent_options.local_adjustment,
-                                                      camera, std::move(source), std::move(agent)));
+  std::unique_ptr<AgentRunner> result(new AgentRunner(runner, agent_options, camera, std::move(source), std::move(agent)));
   if (runner.server != "none") result->OpenPendingSessions(uplink, outbox);
   PORTOLAN_RETURN_IF_ERROR(result->OpenUplink(uplink, outbox, session));
   return result;
 }
 
 AgentRunner::AgentRunner(const RunnerOptions& options,
-                         const LocalAdjustmentOptions& local_adjustment, const CameraModel& camera,
+                         const AgentOptions& agent_options, const CameraModel& camera,
                          std::unique_ptr<ImageSource> source, std::unique_ptr<Agent> agent)
     : options_(options),
       source_(std::move(source)),
       agent_(std::move(agent)),
-      localizer_(local_adjustment, camera),
+      localizer_(agent_options.local_adjustment, agent_options.revisit, camera),
       budget_(options.budget) {
   summary_.agent = options.agent;
 }
@@ -220,7 +219,7 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
       {frame.time, sequence_number, result->begins_submap, PredecessorOf(*result),
        result->submap_from_camera, result->tracked, result->is_keyframe, result->sights,
        result->features},
-      corrector_);
+      &corrector_);
   recorder_.AddFrame(frame.time, *result, placed, MillisecondsSince(start));
   if (uplink_ && result->tracked) {
     uplink_->SetLivePose(

@@ -58,7 +58,7 @@ class AgentRunner {
   const RunSummary& summary() const { return summary_; }
 
  private:
-  AgentRunner(const RunnerOptions& options, const LocalAdjustmentOptions& local_adjustment,
+  AgentRunner(const RunnerOptions& options, const AgentOptions& agent_options,
               const CameraModel& camera, std::unique_ptr<ImageSource> source,
               std::unique_ptr<Agent> agent);
 

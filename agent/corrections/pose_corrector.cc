@@ -1,10 +1,17 @@
 #include "agent/corrections/pose_corrector.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 
 namespace portolan {
+namespace {
+
+// Should nobody take them.
+constexpr std::ptrdiff_t kMaxWaitingOffers = 100;
+
+}  // namespace
 
 void PoseCorrector::OpenSubmap(uint32_t sequence_number,
                                std::optional<Rigid3> predecessor_from_submap) {
@@ -39,7 +46,16 @@ Status PoseCorrector::Apply(const MapCorrection& correction) {
     if (!one.ok()) status = one;
   }
   map_version_ = std::max(map_version_, correction.map_version);
+  offers_.insert(offers_.end(), correction.offers.begin(), correction.offers.end());
+  if (std::ssize(offers_) > kMaxWaitingOffers) {
+    offers_.erase(offers_.begin(), offers_.end() - kMaxWaitingOffers);
+  }
   return status;
+}
+
+std::vector<LandmarkOffer> PoseCorrector::TakeOffers() {
+  std::unique_lock lock(mutex_);
+  return std::exchange(offers_, {});
 }
 
 Status PoseCorrector::ApplyOne(const SubmapPlacement& placement, uint64_t map_version) {

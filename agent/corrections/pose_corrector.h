@@ -61,6 +61,9 @@ class PoseCorrector {
   // submaps that are not closed, wrong numbers of keyframes.
   Status Apply(const MapCorrection& correction);
 
+  // The landmarks that the server has offered since the last call, in order of arrival.
+  std::vector<LandmarkOffer> TakeOffers();
+
   // The pose by the newest correction of the submap or of the nearest older submap that connected
   // links lead to; without one, in the odometry frame.
   PlacedPose Place(uint32_t sequence_number, const Rigid3& submap_from_camera) const;
@@ -107,6 +110,7 @@ class PoseCorrector {
   mutable std::mutex mutex_;
   std::map<uint32_t, SubmapRecord> submaps_ ABSL_GUARDED_BY(mutex_);
   uint64_t map_version_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::vector<LandmarkOffer> offers_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace portolan

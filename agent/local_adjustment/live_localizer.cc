@@ -4,7 +4,7 @@
 
 namespace portolan {
 
-PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, const PoseCorrector& corrector) {
+PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, PoseCorrector* corrector) {
   if (frame.begins_submap) {
     if (frame.predecessor_from_submap) {
       odometry_from_submap_ = odometry_from_submap_ * *frame.predecessor_from_submap;
@@ -15,21 +15,20 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, const PoseCorrector& 
       seen_version_ = 0;
     }
   }
-  PlacedPose placed = corrector.Place(frame.sequence_number, frame.submap_from_camera);
+  PlacedPose placed = corrector->Place(frame.sequence_number, frame.submap_from_camera);
   if (!frame.tracked) return placed;
-  FollowCorrections(frame.sequence_number, corrector);
-  Rigid3 pose =
-      window_.Locate(odometry_from_submap_ * frame.submap_from_camera, frame.sights);
+  Learn(corrector);
+  FollowCorrections(frame.sequence_number, *corrector);
+  Rigid3 pose = window_.Locate(odometry_from_submap_ * frame.submap_from_camera, frame.sights);
   if (frame.is_keyframe) {
-    std::optional<Revisit> revisit;
-    static const int gap = getenv("REVISIT_GAP") ? atoi(getenv("REVISIT_GAP")) : 2;
-    if (held_ && !frame.features.empty() &&
-        static_cast<int>(frame.sequence_number) >= gap) {
-      revisit = matcher_.Match(memory_, held_->component, frame.sequence_number - gap, pose,
-                               frame.features);
+    std::vector<KnownSight> known;
+    if (held_ && !frame.features.empty()) {
+      known = matcher_.Match(memory_, held_->component, frame.sequence_number, pose,
+                             frame.features);
     }
-    window_.AddKeyframe(frame.time, std::move(revisit));
-    pose = window_.last_pose();
+    const bool is_tied = !known.empty();
+    window_.AddKeyframe(frame.time, std::move(known));
+    if (is_tied) pose = window_.window_from_camera();
   }
   if (held_) {
     placed = *held_;
@@ -40,15 +39,23 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, const PoseCorrector& 
   return placed;
 }
 
+void LiveLocalizer::Learn(PoseCorrector* corrector) {
+  if (!remembers_) return;
+  const uint64_t version = corrector->map_version();
+  if (version != learnt_version_) {
+    for (const CorrectedSubmap& submap : corrector->PlacedSince(learnt_version_)) {
+      memory_.Place(submap.origin.frame_submap, submap.origin.component, submap.scale,
+                    submap.keyframes);
+    }
+    learnt_version_ = version;
+  }
+  for (const LandmarkOffer& offer : corrector->TakeOffers()) memory_.AddOffer(offer);
+}
+
 void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrector& corrector) {
   const uint64_t version = corrector.map_version();
   if (version == seen_version_) return;
   seen_version_ = version;
-  for (const CorrectedSubmap& submap : corrector.PlacedSince(memory_version_)) {
-    memory_.Place(submap.origin.frame_submap, submap.origin.component, submap.scale,
-                  submap.keyframes);
-  }
-  memory_version_ = version;
   const std::optional<CorrectedSubmap> newest = corrector.NewestPlaced(sequence_number);
   if (!newest) return;
   if (held_ && newest->origin.frame_submap == held_->frame_submap &&
@@ -59,10 +66,7 @@ void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrec
   for (const CorrectedKeyframe& keyframe : newest->keyframes) {
     poses.push_back({keyframe.time, keyframe.world_from_camera});
   }
-  if (window_.Hold(poses)) {
-    if (getenv("REVISIT_NOREVISE") == nullptr) {
-      window_.Revise([this](const KnownLandmarkId& id) { return memory_.PositionOf(id); }, matcher_);
-    }
+  if (window_.Hold(poses, [this](const auto& id) { return memory_.PositionOf(id); })) {
     held_ = newest->origin;
   } else if (held_ && held_->component != newest->origin.component) {
     // The window's world is no more.

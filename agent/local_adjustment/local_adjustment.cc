@@ -51,6 +51,7 @@ Status LocalAdjustmentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(bundle.Validate());
   PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
   PORTOLAN_RETURN_IF_ERROR(resection.Validate());
+  PORTOLAN_RETURN_IF_ERROR(known_fit.Validate());
   if (max_free_keyframes < 1 || max_keyframes <= max_free_keyframes ||
       max_kept_keyframes < max_keyframes || max_free_after_correction < max_free_keyframes ||
       max_start_iterations < 1 || min_points < 4) {
@@ -125,25 +126,24 @@ const LocalAdjustment::WindowPoint* LocalAdjustment::FindPoint(TrackId track) co
   return at == points_.end() || at->track != track ? nullptr : &*at;
 }
 
-void LocalAdjustment::AddKeyframe(Timestamp time, std::optional<Revisit> revisit) {
+void LocalAdjustment::AddKeyframe(Timestamp time, std::vector<KnownSight> known) {
   PORTOLAN_CHECK(odometry_from_camera_.has_value());
   if (static_cast<int>(keyframes_.size()) == options_.max_kept_keyframes) {
     keyframes_.erase(keyframes_.begin());
   }
-  WindowKeyframe keyframe{time, *odometry_from_camera_, window_from_camera_, {}, false, {}};
+  WindowKeyframe keyframe{time, *odometry_from_camera_, window_from_camera_, {}, false};
   for (const LiveSight& sight : sights_) keyframe.sights.push_back(sight.observation);
+  keyframe.known = std::move(known);
   keyframes_.push_back(std::move(keyframe));
-  if (revisit) {
-    keyframes_.back().known = std::move(revisit->sights);
-    FollowKnown();
-  }
+  if (!keyframes_.back().known.empty()) FollowKnown();
   // A start is far from converged.
   const bool is_start = static_cast<int>(keyframes_.size()) <= options_.max_keyframes;
   Adjust(options_.max_free_keyframes,
          is_start ? options_.max_start_iterations : options_.bundle.max_iterations);
 }
 
-bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
+bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes,
+                           const PositionOf& position_of) {
   std::vector<std::pair<size_t, Rigid3>> common;
   for (const KeyframePose& held : keyframes) {
     const auto at = std::lower_bound(
@@ -164,13 +164,21 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
       Similarity3::FromRigid(common.back().second, scale) *
       Similarity3::FromRigid(keyframes_[common.back().first].window_from_camera).Inverse();
   Move(new_from_old);
-  for (WindowKeyframe& keyframe : keyframes_) keyframe.held = false;
+  for (WindowKeyframe& keyframe : keyframes_) {
+    keyframe.held = false;
+    std::erase_if(keyframe.known, [&](KnownSight& sight) {
+      const auto position = position_of ? position_of(sight.landmark) : std::nullopt;
+      if (position) sight.point_in_world = *position;
+      return !position;
+    });
+  }
   for (const auto& [index, pose] : common) {
     keyframes_[index].window_from_camera = pose;
     keyframes_[index].held = true;
   }
   keyframes_.erase(keyframes_.begin(),
                    keyframes_.begin() + static_cast<std::ptrdiff_t>(common.front().first));
+  FollowKnown();
   const Rigid3 last_from_camera =
       keyframes_.back().window_from_camera.Inverse() * window_from_camera_;
   Adjust(options_.max_free_after_correction, options_.max_start_iterations);
@@ -191,84 +199,15 @@ void LocalAdjustment::Move(const Similarity3& new_from_old) {
 }
 
 void LocalAdjustment::FollowKnown() {
-  static const double kTrans = getenv("RV_T") ? atof(getenv("RV_T")) : 0.1;
-  static const double kRot = getenv("RV_R") ? atof(getenv("RV_R")) : 0.05;
-  static const double kScale = getenv("RV_S") ? atof(getenv("RV_S")) : 0.05;
-  static const double kLoss = getenv("RV_L") ? atof(getenv("RV_L")) : 2;
-  const Rigid3 last = keyframes_.back().window_from_camera;
-  const Eigen::Vector3d pivot = last.translation;
-  const double depth = SceneDepth();
-  struct View { const WindowKeyframe* keyframe; const KnownSight* sight; PointReference reference; double rho; };
-  std::vector<View> views;
-  const size_t first = FirstOfLast(keyframes_.size(), options_.max_keyframes);
-  for (size_t i = first; i < keyframes_.size(); ++i) {
+  std::vector<KnownView> views;
+  const size_t size = keyframes_.size();
+  for (size_t i = FirstOfLast(size, options_.max_keyframes); i < size; ++i) {
     for (const KnownSight& sight : keyframes_[i].known) {
-      views.push_back({&keyframes_[i], &sight,
-                       PointReference::At(keyframes_[i].window_from_camera.translation,
-                                          sight.point_in_world),
-                       1 / (sight.point_in_world - keyframes_[i].window_from_camera.translation).norm()});
+      views.push_back({keyframes_[i].window_from_camera, &sight});
     }
   }
-  if (views.size() < 12) return;
-  const auto moved = [&](const Vector7d& d, const Eigen::Vector3d& p) -> Eigen::Vector3d {
-    return pivot + d.head<3>() + std::exp(d[6]) * (RotationExp(d.segment<3>(3)) * (p - pivot));
-  };
-  Vector7d d = Vector7d::Zero();
-  Vector7d inverse_sigmas;
-  inverse_sigmas << Eigen::Vector3d::Constant(1 / (kTrans * depth)), Eigen::Vector3d::Constant(1 / kRot), 1 / kScale;
-  double chi2sum = 0;
-  for (int iteration = 0; iteration < 5; ++iteration) {
-    const double loss = iteration == 0 ? 3 * kLoss : kLoss;
-    Matrix7d information = inverse_sigmas.cwiseAbs2().asDiagonal();
-    Vector7d gradient = inverse_sigmas.cwiseAbs2().cwiseProduct(d);
-    chi2sum = 0;
-    for (const View& view : views) {
-      const Rigid3& old = view.keyframe->window_from_camera;
-      const Rigid3 pose{RotationExp(d.segment<3>(3)) * old.rotation, moved(d, old.translation)};
-      const CameraReference reference{pose, &camera_};
-      const CameraState state(reference);
-      Eigen::Vector2d residual;
-      Eigen::Matrix<double, 2, 6, Eigen::RowMajor> d_camera;
-      const std::array<double, 3> parameters = {0, 0, view.rho};
-      ReprojectionError(&view.reference, view.sight->pixel, view.sight->sigma_px)
-          .Evaluate(state, parameters.data(), residual.data(), d_camera.data(), nullptr);
-      const Eigen::Matrix3d r = pose.rotation.conjugate().toRotationMatrix();
-      const Eigen::Vector3d arm = pose.translation - pivot - d.head<3>();
-      Eigen::Matrix<double, 6, 7> chain = Eigen::Matrix<double, 6, 7>::Zero();
-      chain.block<3, 3>(0, 0) = r;
-      chain.block<3, 3>(0, 3) = -r * Skew(arm);
-      chain.block<3, 1>(0, 6) = r * arm;
-      chain.block<3, 3>(3, 3) = r;
-      const Eigen::Matrix<double, 2, 7> jacobian = d_camera * chain;
-      const double weight = 1 / (1 + residual.squaredNorm() / (loss * loss));
-      chi2sum += residual.squaredNorm() * weight;
-      information += weight * jacobian.transpose() * jacobian;
-      gradient += weight * jacobian.transpose() * residual;
-    }
-    const Vector7d step = -information.ldlt().solve(gradient);
-    if (!step.allFinite()) return;
-    d.head<3>() += step.head<3>();
-    d.segment<3>(3) = RotationLog(RotationExp(step.segment<3>(3)) * RotationExp(d.segment<3>(3)));
-    d[6] += step[6];
-  }
-  if (getenv("REVISIT_DEBUG")) {
-    fprintf(stderr, "follow views %zu move %.4f rot %.4f scale %.4f wchi2 %.2f\n", views.size(), d.head<3>().norm(),
-            d.segment<3>(3).norm(), d[6], chi2sum / views.size());
-  }
-  Similarity3 move;
-  move.scale = std::exp(d[6]);
-  move.rotation = RotationExp(d.segment<3>(3));
-  move.translation = moved(d, Eigen::Vector3d::Zero());
-  Move(move);
-}
-
-void LocalAdjustment::Revise(const PositionOf& position_of, const LandmarkMatcher&) {
-  for (WindowKeyframe& keyframe : keyframes_) {
-    for (KnownSight& sight : keyframe.known) {
-      if (const auto position = position_of(sight.landmark)) sight.point_in_world = *position;
-    }
-  }
-  FollowKnown();
+  const auto new_from_old = FitToKnown(options_.known_fit, camera_, views, SceneDepth());
+  if (new_from_old) Move(*new_from_old);
 }
 
 std::vector<LocalAdjustment::KeyframePose> LocalAdjustment::Keyframes() const {
@@ -400,6 +339,7 @@ void LocalAdjustment::AddPoint(std::span<const Sight> sights, int first, double 
   }
 }
 
+// After the points of tracks; each sight has its own.
 void LocalAdjustment::AddKnown(int first, int first_free, BundleProblem* problem) const {
   for (int i = first_free; i < static_cast<int>(keyframes_.size()); ++i) {
     for (const KnownSight& sight : keyframes_[i].known) {

@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "agent/revisit/landmark_matcher.h"
+#include "agent/local_adjustment/known_fit.h"
 #include "common/bundle/resection.h"
 #include "common/bundle/bundle_options.h"
 #include "common/bundle/triangulation.h"
@@ -34,6 +34,7 @@ struct LocalAdjustmentOptions {
   int max_start_iterations = 10;
   TriangulationOptions triangulation;
   ResectionOptions resection;
+  KnownFitOptions known_fit;
   // With fewer triangulated points an adjustment has no say.
   int min_points = 20;
 
@@ -53,6 +54,9 @@ struct LiveSight {
 //
 // Protocol: Start; then Locate for every tracked frame in order of time, after it AddKeyframe if
 // the frame is a keyframe; Hold in between, whenever the server has told poses of keyframes.
+//
+// Landmarks of the map that keyframes see again are points that no adjustment moves. All of the
+// window first follows them, as it has drifted as a whole, then its free keyframes one by one.
 // Thread-compatible, deterministic.
 class LocalAdjustment {
  public:
@@ -68,22 +72,19 @@ class LocalAdjustment {
 
   // The pose of a frame; of the first one the odometry's. sights: ascending track id.
   Rigid3 Locate(const Rigid3& odometry_from_camera, std::span<const LiveSight> sights);
-  // The frame that was located last is a keyframe. revisit: landmarks of the map that it saw, with
-  // the pose that they tell; the window follows it.
-  void AddKeyframe(Timestamp time, std::optional<Revisit> revisit = std::nullopt);
+  // The frame that was located last is a keyframe. known: landmarks of the map that it shows.
+  void AddKeyframe(Timestamp time, std::vector<KnownSight> known = {});
 
   // Known poses of keyframes, in ascending time and another frame, which becomes the window's. They
   // are held from now on, older keyframes forgotten, younger ones follow. False, and nothing
-  // changes, if fewer than two of them are kept.
-  bool Hold(std::span<const KeyframePose> keyframes);
-  // Where the landmarks of revisits are now.
+  // changes, if fewer than two of them are kept. position_of: where known landmarks are by now.
   using PositionOf = std::function<std::optional<Eigen::Vector3d>(const KnownLandmarkId&)>;
-  void Revise(const PositionOf& position_of, const LandmarkMatcher& matcher);
+  bool Hold(std::span<const KeyframePose> keyframes, const PositionOf& position_of = {});
 
   // Keyframes as they are believed to be now, ascending time.
   std::vector<KeyframePose> Keyframes() const;
-  // Of the frame located last, as it is believed to be now.
-  const Rigid3& last_pose() const { return window_from_camera_; }
+  // The frame located last as it is believed to be now.
+  const Rigid3& window_from_camera() const { return window_from_camera_; }
   // Window units per unit of the odometry.
   double scale() const { return scale_; }
   int point_count() const { return static_cast<int>(points_.size()); }
@@ -95,7 +96,7 @@ class LocalAdjustment {
     Rigid3 window_from_camera;
     std::vector<Observation> sights;
     bool held = false;
-    std::vector<KnownSight> known;
+    std::vector<KnownSight> known = {};
   };
   struct WindowPoint {
     TrackId track;
@@ -116,10 +117,9 @@ class LocalAdjustment {
   void AddPoint(std::span<const Sight> sights, int first, double scene_depth,
                 BundleProblem* problem) const;
   void AddKnown(int first, int first_free, BundleProblem* problem) const;
-  // Moves all of the window so that it fits the known landmarks best.
-  void FollowKnown();
-  // Moves all of the window.
   void Move(const Similarity3& new_from_old);
+  // Moves all to where the known landmarks are.
+  void FollowKnown();
   void TakeResult(const BundleProblem& problem, const std::vector<TrackId>& tracks, int first);
   void MeasureDepth(std::span<const BundleObservation> observations,
                     const std::vector<CameraState>& cameras, double prior_sigma,

@@ -3,6 +3,7 @@
 #define PORTOLAN_AGENT_REVISIT_KNOWN_LANDMARK_H_
 
 #include <Eigen/Core>
+#include <compare>
 #include <cstdint>
 #include <vector>
 
@@ -10,10 +11,17 @@
 
 namespace portolan {
 
-// Which landmark: of which group (a submap), and which one in it.
+// Which group of landmarks: an own submap, by its sequence number, or an offered view.
+struct KnownGroupId {
+  bool offered = false;
+  uint64_t number = 0;
+
+  friend auto operator<=>(const KnownGroupId&, const KnownGroupId&) = default;
+};
+
 struct KnownLandmarkId {
-  uint64_t group = 0;
-  uint32_t index = 0;
+  KnownGroupId group;
+  uint32_t index = 0;  // in its group
 };
 
 struct KnownLandmark {

@@ -64,7 +64,7 @@ class Localizing : public ::testing::Test {
   const Similarity3 world_from_truth_{
       0.8, Eigen::Quaterniond(RotationExp({1, 0.5, -0.2})), {-1, 2, 4}};
   PoseCorrector corrector_;
-  LiveLocalizer localizer_{{}, scene_.camera()};
+  LiveLocalizer localizer_{{}, {}, scene_.camera()};
   uint32_t broken_ = 0;  // the submap, not the first, that has no link
 
  private:
@@ -94,7 +94,7 @@ class Localizing : public ::testing::Test {
 
 TEST_F(Localizing, WithoutCorrectionsTheFrameIsThatOfTheOldestSubmap) {
   for (int frame = 0; frame < 120; ++frame) {
-    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    const PlacedPose placed = localizer_.Localize(Frame(frame), &corrector_);
     EXPECT_FALSE(placed.in_world);
     EXPECT_EQ(placed.frame_submap, 0u);
   }
@@ -104,7 +104,7 @@ TEST_F(Localizing, GoesOnFromTheCorrectionAcrossBorders) {
   double plain_error = 0;
   for (int frame = 0; frame < 190; ++frame) {
     const LiveFrame live = Frame(frame);
-    const PlacedPose placed = localizer_.Localize(live, corrector_);
+    const PlacedPose placed = localizer_.Localize(live, &corrector_);
     // The answer to submap 0 comes while submap 1 is open, that to submap 1 long after it.
     if (frame == 60) Correct(0);
     if (frame == 120) Correct(1);
@@ -123,7 +123,7 @@ TEST_F(Localizing, GoesOnFromTheCorrectionAcrossBorders) {
 TEST_F(Localizing, ABrokenLinkBeginsAnew) {
   broken_ = 1;
   for (int frame = 0; frame < 80; ++frame) {
-    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    const PlacedPose placed = localizer_.Localize(Frame(frame), &corrector_);
     if (frame == 60) Correct(0);
     if (frame < kFramesPerSubmap) continue;
     EXPECT_FALSE(placed.in_world);
@@ -136,7 +136,7 @@ TEST_F(Localizing, ABrokenLinkBeginsAnew) {
 
 TEST_F(Localizing, LeavesAWorldThatIsNoMore) {
   for (int frame = 0; frame < 215; ++frame) {
-    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    const PlacedPose placed = localizer_.Localize(Frame(frame), &corrector_);
     if (frame == 60) Correct(0);
     // By then the window has none of its keyframes left.
     if (frame == 210) Correct(0, 9, 2);
@@ -147,11 +147,11 @@ TEST_F(Localizing, LeavesAWorldThatIsNoMore) {
 }
 
 TEST_F(Localizing, UntrackedFramesKeepTheFiltersPrediction) {
-  for (int frame = 0; frame < 30; ++frame) localizer_.Localize(Frame(frame), corrector_);
+  for (int frame = 0; frame < 30; ++frame) localizer_.Localize(Frame(frame), &corrector_);
   LiveFrame live = Frame(30);
   live.tracked = false;
   live.submap_from_camera.translation.x() += 0.5;
-  const PlacedPose placed = localizer_.Localize(live, corrector_);
+  const PlacedPose placed = localizer_.Localize(live, &corrector_);
   EXPECT_EQ(placed.frame_from_camera.translation, live.submap_from_camera.translation);
 }
 
