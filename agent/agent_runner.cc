@@ -111,6 +111,9 @@ AgentRunner::AgentRunner(const RunnerOptions& options,
       localizer_(agent_options.local_adjustment, agent_options.revisit, camera),
       budget_(options.budget) {
   summary_.agent = options.agent;
+  const RevisitOptions& revisit = agent_options.revisit;
+  offered_bytes_per_second_ =
+      revisit.enabled ? static_cast<uint32_t>(revisit.offered_bytes_per_second) : 0;
 }
 
 Status AgentRunner::OpenUplink(const UplinkOptions& uplink, const OutboxOptions& outbox,
@@ -120,6 +123,7 @@ Status AgentRunner::OpenUplink(const UplinkOptions& uplink, const OutboxOptions&
   hello.session = session;
   hello.camera = source_->calibration().intrinsics;
   hello.software_version = kSoftwareVersion;
+  hello.offered_bytes_per_second = offered_bytes_per_second_;
   PORTOLAN_ASSIGN_OR_RETURN(auto box, Outbox::Create(options_.outbox, hello, outbox));
   if (options_.server == "none") {
     offline_outbox_ = std::move(box);

@@ -67,7 +67,7 @@ class CorrectionDispatcherTest : public ::testing::Test {
   }
 
   SnapshotHub hub_;
-  CorrectionDispatcher dispatcher_{CorrectionOptions(), &hub_};
+  CorrectionDispatcher dispatcher_{CorrectionOptions(), OfferOptions(), &hub_};
 };
 
 TEST_F(CorrectionDispatcherTest, EachAgentGetsItsOwnSubmaps) {
