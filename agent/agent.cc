@@ -147,7 +147,6 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray,
   has_second_image_ = stereo_ && !second.empty();
   if (has_second_image_) stereo_->SetImages(gray, second);
   is_keyframe_ = begins_submap_ = found_scale_ = tracking_failed_ = false;
-  features_.clear();
   std::optional<Submap> failed;
   if (tracking_ && health_.IsPauseTooLong(time - *last_time_)) failed = HandleFailure(time);
   last_time_ = time;
@@ -346,15 +345,8 @@ void Agent::AddKeyframe(Timestamp time) {
   keyframe_selector_.SetKeyframe(time, filter_->submap_from_camera(), points);
   std::vector<Feature> features;
   if (builder_.NextIsDescribed()) features = tracker_->Describe();
-  DescribeForRevisit(features);
   builder_.AddKeyframe(time, filter_->submap_from_camera(), filter_->pose_covariance(), points,
                        std::move(features));
-}
-
-void Agent::DescribeForRevisit(const std::vector<Feature>& features) {
-  if (!options_.revisit.enabled || !features_.empty()) return;
-  if (++keyframe_count_ % options_.revisit.keyframe_interval != 0) return;
-  features_ = features.empty() ? tracker_->Describe(false) : features;
 }
 
 void Agent::OpenSubmap(LinkType link) {
@@ -443,7 +435,10 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) {
            landmarks_.IsLandmark(point.track)});
     }
   }
-  if (tracked) result.features = std::exchange(features_, {});
+  if (tracked && is_keyframe_ && options_.revisit.enabled &&
+      keyframe_count_++ % options_.revisit.keyframe_interval == 0) {
+    result.features = tracker_->Describe(false);
+  }
   result.closed_submap = std::move(closed_submap);
   return result;
 }

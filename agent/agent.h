@@ -166,8 +166,6 @@ class Agent {
   void Replenish(bool starting);
   void AddLandmarks(const std::vector<TrackId>& chosen, const std::vector<MeasuredDepth>& depths);
   void AddKeyframe(Timestamp time);
-  // Describes every n-th keyframe for the search for landmarks of the map.
-  void DescribeForRevisit(const std::vector<Feature>& features);
   void OpenSubmap(LinkType link);
   std::optional<Submap> CloseIfFull(Timestamp time);
   std::optional<Submap> HandleFailure(Timestamp spoiled_from);
@@ -212,9 +210,8 @@ class Agent {
   bool begins_submap_ = false;
   bool found_scale_ = false;
   bool tracking_failed_ = false;
-  std::vector<Feature> features_;
   std::optional<Timestamp> last_time_;
-  int64_t keyframe_count_ = 0;
+  int64_t keyframe_count_ = 0;  // frames that were keyframes
 };
 
 }  // namespace portolan

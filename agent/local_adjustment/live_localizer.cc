@@ -66,7 +66,10 @@ void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrec
   for (const CorrectedKeyframe& keyframe : newest->keyframes) {
     poses.push_back({keyframe.time, keyframe.world_from_camera});
   }
-  if (window_.Hold(poses, [this](const auto& id) { return memory_.PositionOf(id); })) {
+  const auto position_of = [&](const KnownLandmarkId& landmark) {
+    return memory_.PositionOf(landmark, newest->origin.component);
+  };
+  if (window_.Hold(poses, position_of)) {
     held_ = newest->origin;
   } else if (held_ && held_->component != newest->origin.component) {
     // The window's world is no more.

@@ -146,9 +146,13 @@ void LandmarkMemory::ForgetOldestView() {
   offered_.erase(oldest);
 }
 
-std::optional<Eigen::Vector3d> LandmarkMemory::PositionOf(const KnownLandmarkId& id) const {
+std::optional<Eigen::Vector3d> LandmarkMemory::PositionOf(const KnownLandmarkId& id,
+                                                          ComponentId component) const {
   const auto group = groups_.find(id.group);
-  if (group == groups_.end() || id.index >= group->second.landmarks.size()) return std::nullopt;
+  if (group == groups_.end() || group->second.component != component ||
+      id.index >= group->second.landmarks.size()) {
+    return std::nullopt;
+  }
   return group->second.landmarks[id.index].point_in_world;
 }
 

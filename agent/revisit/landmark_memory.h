@@ -57,7 +57,8 @@ class LandmarkMemory {
 
   // What was placed. Own submaps come first, by sequence number, then the offered views.
   const std::map<KnownGroupId, KnownGroup>& groups() const { return groups_; }
-  std::optional<Eigen::Vector3d> PositionOf(const KnownLandmarkId& id) const;
+  // In this component's world; no value if it is elsewhere or forgotten.
+  std::optional<Eigen::Vector3d> PositionOf(const KnownLandmarkId& id, ComponentId component) const;
 
  private:
   // A described track before its submap is placed.
