@@ -1,9 +1,11 @@
 #include "common/wire/offer_wire.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,12 +18,19 @@
 namespace portolan {
 namespace {
 
-constexpr double kDirectionSteps = 4096;
-constexpr int64_t kMaxDirection = int64_t{1} << 16;
+constexpr double kDirectionSteps = 2048;
+constexpr int64_t kMaxDirection = int64_t{1} << 15;
 constexpr double kDepthSteps = 512;
 constexpr int64_t kMaxDepth = 60 * 512;
 constexpr double kSigmaSteps = 4;
 constexpr int64_t kMinSigma = -80, kMaxSigma = 40;
+
+// Of the landmark before, from which the next one's differ.
+struct Before {
+  int64_t depth = 0;
+  int64_t lateral_sigma = 0;
+  int64_t depth_sigma = 0;
+};
 
 int64_t Rounded(double value) { return std::llround(value); }
 
@@ -30,7 +39,7 @@ int64_t SigmaSteps(double sigma) {
   return std::max(kMinSigma, Rounded(kSigmaSteps * std::log2(std::max(sigma, 1e-12))));
 }
 
-bool AreWithin(const std::vector<int64_t>& values, int64_t least, int64_t most) {
+bool AreWithin(std::span<const int64_t> values, int64_t least, int64_t most) {
   for (const int64_t value : values) {
     if (value < least || value > most) return false;
   }
@@ -65,15 +74,17 @@ void ToProto(const LandmarkOffer& offer, v1::LandmarkOffer* message) {
   message->set_count(static_cast<uint32_t>(offer.landmarks.size()));
   std::vector<int64_t> directions, depths, sigmas;
   std::vector<Descriptor> descriptors;
-  int64_t depth_before = 0;
+  Before before;
   for (const OfferedLandmark& landmark : offer.landmarks) {
     const Eigen::Vector3d& point = landmark.point_in_camera;
     directions.push_back(Rounded(kDirectionSteps * point.x() / point.z()));
     directions.push_back(Rounded(kDirectionSteps * point.y() / point.z()));
     const int64_t depth = Rounded(kDepthSteps * std::log2(point.z()));
-    depths.push_back(depth - std::exchange(depth_before, depth));
-    sigmas.push_back(SigmaSteps(landmark.lateral_sigma));
-    sigmas.push_back(SigmaSteps(landmark.depth_sigma));
+    const int64_t lateral_sigma = SigmaSteps(landmark.lateral_sigma);
+    const int64_t depth_sigma = SigmaSteps(landmark.depth_sigma);
+    depths.push_back(depth - std::exchange(before.depth, depth));
+    sigmas.push_back(lateral_sigma - std::exchange(before.lateral_sigma, lateral_sigma));
+    sigmas.push_back(depth_sigma - std::exchange(before.depth_sigma, depth_sigma));
     descriptors.push_back(landmark.descriptor);
   }
   message->set_direction(EncodeColumn(directions));
@@ -110,23 +121,30 @@ StatusOr<LandmarkOffer> FromProto(const v1::LandmarkOffer& message, absl::string
     return malformed("direction: out of range");
   }
   if (!AreWithin(depths, -2 * kMaxDepth, 2 * kMaxDepth)) return malformed("depth: out of range");
-  if (!AreWithin(sigmas, kMinSigma, kMaxSigma)) return malformed("sigma: out of range");
+  if (!AreWithin(sigmas, kMinSigma - kMaxSigma, kMaxSigma - kMinSigma)) {
+    return malformed("sigma: out of range");
+  }
   auto descriptors =
       DecodeDescriptors(message.coded_descriptors(),
                         std::vector<DescriptorReferences>(count, DescriptorReferences{-1, -1}));
   if (!descriptors.ok()) {
     return malformed(absl::StrCat("coded_descriptors: ", descriptors.status().message()));
   }
-  int64_t depth = 0;
+  Before last;
   for (size_t i = 0; i < count; ++i) {
-    depth += depths[i];
-    if (std::abs(depth) > kMaxDepth) return malformed("depth: out of range");
-    const double z = std::exp2(static_cast<double>(depth) / kDepthSteps);
+    last.depth += depths[i];
+    last.lateral_sigma += sigmas[2 * i];
+    last.depth_sigma += sigmas[2 * i + 1];
+    if (std::abs(last.depth) > kMaxDepth) return malformed("depth: out of range");
+    if (!AreWithin(std::array{last.lateral_sigma, last.depth_sigma}, kMinSigma, kMaxSigma)) {
+      return malformed("sigma: out of range");
+    }
+    const double z = std::exp2(static_cast<double>(last.depth) / kDepthSteps);
     OfferedLandmark landmark;
     landmark.point_in_camera = {z * static_cast<double>(directions[2 * i]) / kDirectionSteps,
                                 z * static_cast<double>(directions[2 * i + 1]) / kDirectionSteps, z};
-    landmark.lateral_sigma = std::exp2(static_cast<double>(sigmas[2 * i]) / kSigmaSteps);
-    landmark.depth_sigma = std::exp2(static_cast<double>(sigmas[2 * i + 1]) / kSigmaSteps);
+    landmark.lateral_sigma = std::exp2(static_cast<double>(last.lateral_sigma) / kSigmaSteps);
+    landmark.depth_sigma = std::exp2(static_cast<double>(last.depth_sigma) / kSigmaSteps);
     landmark.descriptor = (*descriptors)[i];
     offer.landmarks.push_back(landmark);
   }

@@ -62,9 +62,9 @@ TEST(OfferWire, KeepsOffers) {
 }
 
 // Random descriptors, as these, take more than those of images.
-TEST(OfferWire, TakesSixBytesALandmarkBesidesItsDescriptor) {
+TEST(OfferWire, TakesSevenBytesALandmarkBesidesItsDescriptor) {
   const v1::LandmarkOffer message = OfferMessage(24);
-  EXPECT_LT(message.ByteSizeLong() - message.coded_descriptors().size(), 24u * 6 + 110u);
+  EXPECT_LT(message.ByteSizeLong() - message.coded_descriptors().size(), 24u * 7 + 110u);
   EXPECT_LT(OfferMessage(0).ByteSizeLong(), 110u);
 }
 
@@ -110,7 +110,7 @@ TEST(OfferWire, RefusesMalformedOffersByName) {
               HasSubstr("offer.depth"));
   EXPECT_THAT(refusal([](M* m) { m->set_direction(OfferColumn(20, 1 << 17)); }),
               HasSubstr("offer.direction"));
-  EXPECT_THAT(refusal([](M* m) { m->set_sigma(OfferColumn(20, 41)); }), HasSubstr("offer.sigma"));
+  EXPECT_THAT(refusal([](M* m) { m->set_sigma(OfferColumn(20, 200)); }), HasSubstr("offer.sigma"));
   EXPECT_THAT(refusal([](M* m) { m->mutable_coded_descriptors()->resize(40); }),
               HasSubstr("offer.coded_descriptors"));
   EXPECT_THAT(
