@@ -69,6 +69,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(odometry.Validate());
   PORTOLAN_RETURN_IF_ERROR(stereo.Validate());
   PORTOLAN_RETURN_IF_ERROR(local_adjustment.Validate());
+  PORTOLAN_RETURN_IF_ERROR(revisit.Validate());
   if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
     return absl::InvalidArgumentError("min_tracks_share must be within 0 and 1");
   }
@@ -411,7 +412,7 @@ std::optional<Submap> Agent::Finish() {
   return TakeSubmap(builder_.Close(filter_->Landmarks()), 2);
 }
 
-FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) const {
+FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) {
   FrameResult result;
   result.submap_sequence_number = key_.sequence_number;
   result.link = link_ == LinkType::kConnected && !link_keeps_units_ ? LinkType::kBroken : link_;
@@ -433,6 +434,10 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) con
           {{point.track, point.pixel.cast<float>(), static_cast<float>(point.sigma_px)},
            landmarks_.IsLandmark(point.track)});
     }
+  }
+  if (tracked && is_keyframe_ && options_.revisit.enabled &&
+      keyframe_count_++ % options_.revisit.keyframe_interval == 0) {
+    result.features = tracker_->Describe(false);
   }
   result.closed_submap = std::move(closed_submap);
   return result;

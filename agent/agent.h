@@ -19,6 +19,7 @@
 #include "agent/local_adjustment/local_adjustment.h"
 #include "agent/odometry/odometry_buffer.h"
 #include "agent/odometry/odometry_motion_model.h"
+#include "agent/revisit/revisit_options.h"
 #include "agent/stereo/stereo_matcher.h"
 #include "agent/submap/keyframe_selector.h"
 #include "agent/submap/submap_builder.h"
@@ -77,6 +78,8 @@ struct AgentOptions {
   StereoOptions stereo;
   // Of the live poses, which AgentRunner tells; the agent itself does not adjust.
   LocalAdjustmentOptions local_adjustment;
+  // Likewise; the agent describes the keyframes.
+  RevisitOptions revisit;
   // New corners are looked for when fewer than this share of tracker.max_points is left, and at
   // every keyframe.
   double min_tracks_share = 0.8;
@@ -109,6 +112,8 @@ struct FrameResult {
   // What the frame saw of the tracks, outliers of the filter left out; ascending track id. Empty
   // if the frame is not tracked.
   std::vector<LiveSight> sights;
+  // The tracks described, of keyframes that are to be searched for landmarks of the map.
+  std::vector<Feature> features;
   // The submap that this frame completed, ready for upload.
   std::optional<Submap> closed_submap;
 };
@@ -169,7 +174,7 @@ class Agent {
   void TakeFixes(Submap* submap);
   // The live points without those that the filter just called outliers.
   std::vector<TrackedPoint> UsablePoints() const;
-  FrameResult Report(bool tracked, std::optional<Submap> closed_submap) const;
+  FrameResult Report(bool tracked, std::optional<Submap> closed_submap);
 
   AgentOptions options_;
   CameraModel camera_;
@@ -206,6 +211,7 @@ class Agent {
   bool found_scale_ = false;
   bool tracking_failed_ = false;
   std::optional<Timestamp> last_time_;
+  int64_t keyframe_count_ = 0;  // frames that were keyframes
 };
 
 }  // namespace portolan

@@ -195,8 +195,19 @@ void AddLocalAdjustment(LocalAdjustmentOptions* options, OptionSection section) 
   section.Add("max_lens_windows", &options->max_lens_windows, "windows",
               "the lens's radial distortion is looked for over this many windows of max_keyframes; "
               "0: the calibration is taken as it is");
+  section.Add("trust_distortion", &options->trust_distortion, "",
+              "a calibration with distortion is taken as it is");
   section.Add("lens_corner_sigma_px", &options->lens_corner_sigma_px, "px",
               "how far the calibration may be off at the image's corner");
+}
+
+void AddRevisit(RevisitOptions* options, OptionSection section) {
+  section.Add("enabled", &options->enabled, "",
+              "live poses hold on to landmarks of the map that the agent sees again");
+  section.Add("keyframe_interval", &options->keyframe_interval, "keyframes",
+              "every n-th keyframe is searched for them");
+  section.Add("offered_bytes_per_second", &options->offered_bytes_per_second, "bytes/s",
+              "what the server may send of other agents' landmarks; 0 for nothing");
 }
 
 void AddStereo(StereoOptions* options, OptionSection section) {
@@ -227,6 +238,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddOdometry(&options->odometry, table->Section("odometry"));
   AddStereo(&options->stereo, table->Section("stereo"));
   AddLocalAdjustment(&options->local_adjustment, table->Section("local_adjustment"));
+  AddRevisit(&options->revisit, table->Section("revisit"));
   table->Add("min_tracks_share", &options->min_tracks_share, "",
              "new corners are looked for when fewer than this share of the points is left");
 }

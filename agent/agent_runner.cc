@@ -96,22 +96,25 @@ StatusOr<std::unique_ptr<AgentRunner>> AgentRunner::Create(const RunnerOptions& 
   PORTOLAN_ASSIGN_OR_RETURN(const VehicleSensors sensors, FindSensors(*source));
   PORTOLAN_ASSIGN_OR_RETURN(
       auto agent, Agent::Create(agent_options, camera, AgentId(runner.agent), session, sensors));
-  std::unique_ptr<AgentRunner> result(new AgentRunner(runner, agent_options.local_adjustment,
-                                                      camera, std::move(source), std::move(agent)));
+  std::unique_ptr<AgentRunner> result(
+      new AgentRunner(runner, agent_options, camera, std::move(source), std::move(agent)));
   if (runner.server != "none") result->OpenPendingSessions(uplink, outbox);
   PORTOLAN_RETURN_IF_ERROR(result->OpenUplink(uplink, outbox, session));
   return result;
 }
 
-AgentRunner::AgentRunner(const RunnerOptions& options,
-                         const LocalAdjustmentOptions& local_adjustment, const CameraModel& camera,
-                         std::unique_ptr<ImageSource> source, std::unique_ptr<Agent> agent)
+AgentRunner::AgentRunner(const RunnerOptions& options, const AgentOptions& agent_options,
+                         const CameraModel& camera, std::unique_ptr<ImageSource> source,
+                         std::unique_ptr<Agent> agent)
     : options_(options),
       source_(std::move(source)),
       agent_(std::move(agent)),
-      localizer_(local_adjustment, camera),
+      localizer_(agent_options.local_adjustment, agent_options.revisit, camera),
       budget_(options.budget) {
   summary_.agent = options.agent;
+  const RevisitOptions& revisit = agent_options.revisit;
+  offered_bytes_per_second_ =
+      revisit.enabled ? static_cast<uint32_t>(revisit.offered_bytes_per_second) : 0;
 }
 
 Status AgentRunner::OpenUplink(const UplinkOptions& uplink, const OutboxOptions& outbox,
@@ -121,6 +124,7 @@ Status AgentRunner::OpenUplink(const UplinkOptions& uplink, const OutboxOptions&
   hello.session = session;
   hello.camera = source_->calibration().intrinsics;
   hello.software_version = kSoftwareVersion;
+  hello.offered_bytes_per_second = offered_bytes_per_second_;
   PORTOLAN_ASSIGN_OR_RETURN(auto box, Outbox::Create(options_.outbox, hello, outbox));
   if (options_.server == "none") {
     offline_outbox_ = std::move(box);
@@ -216,10 +220,11 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
   }
   const uint32_t sequence_number = result->submap_sequence_number;
   if (result->begins_submap) corrector_.OpenSubmap(sequence_number, PredecessorOf(*result));
-  const PlacedPose placed = localizer_.Localize(
-      {frame.time, sequence_number, result->begins_submap, PredecessorOf(*result),
-       result->submap_from_camera, result->tracked, result->is_keyframe, result->sights},
-      corrector_);
+  const PlacedPose placed =
+      localizer_.Localize({frame.time, sequence_number, result->begins_submap,
+                           PredecessorOf(*result), result->submap_from_camera, result->tracked,
+                           result->is_keyframe, result->sights, result->features},
+                          &corrector_);
   recorder_.AddFrame(frame.time, *result, placed, MillisecondsSince(start));
   if (uplink_ && result->tracked) {
     uplink_->SetLivePose(
@@ -237,6 +242,7 @@ Status AgentRunner::TakeSubmap(Submap submap) {
              " described points left out to keep within the uplink's budget");
   }
   corrector_.CloseSubmap(submap);
+  localizer_.AddSubmap(submap);
   if (uplink_) return uplink_->Submit(submap);
   PORTOLAN_ASSIGN_OR_RETURN(const std::string bytes, EncodeSubmap(submap));
   return offline_outbox_->Append(submap.key.sequence_number, bytes);

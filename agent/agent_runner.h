@@ -58,7 +58,7 @@ class AgentRunner {
   const RunSummary& summary() const { return summary_; }
 
  private:
-  AgentRunner(const RunnerOptions& options, const LocalAdjustmentOptions& local_adjustment,
+  AgentRunner(const RunnerOptions& options, const AgentOptions& agent_options,
               const CameraModel& camera, std::unique_ptr<ImageSource> source,
               std::unique_ptr<Agent> agent);
 
@@ -80,6 +80,7 @@ class AgentRunner {
   PoseCorrector corrector_;
   LiveLocalizer localizer_;
   SubmapBudget budget_;
+  uint32_t offered_bytes_per_second_ = 0;
   RunRecorder recorder_;
   RunSummary summary_;
   std::unique_ptr<Outbox> offline_outbox_;  // without a server

@@ -68,6 +68,7 @@ Status ServerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(ingest.Validate());
   PORTOLAN_RETURN_IF_ERROR(map_thread.Validate());
   PORTOLAN_RETURN_IF_ERROR(corrections.Validate());
+  PORTOLAN_RETURN_IF_ERROR(offers.Validate());
   if (max_agents < 1) return absl::InvalidArgumentError("max_agents must be positive");
   if (max_streams_per_connection < 1) {
     return absl::InvalidArgumentError("max_streams_per_connection must be positive");
@@ -81,7 +82,9 @@ Status ServerOptions::Validate() const {
 class Server::Impl {
  public:
   Impl(const ServerOptions& options, std::unique_ptr<MapStore> store)
-      : options_(options), store_(std::move(store)), dispatcher_(options.corrections, &hub_) {}
+      : options_(options),
+        store_(std::move(store)),
+        dispatcher_(options.corrections, options.offers, &hub_) {}
 
   ~Impl() { Shutdown(); }
 

@@ -9,6 +9,7 @@
 #include "common/base/status.h"
 #include "common/base/time.h"
 #include "server/corrections/correction_planner.h"
+#include "server/corrections/offer_planner.h"
 #include "server/ingest/ingest.h"
 #include "server/pipeline/map_thread.h"
 #include "server/store/map_store.h"
@@ -30,6 +31,7 @@ struct ServerOptions {
   IngestOptions ingest;
   MapThreadOptions map_thread;
   CorrectionOptions corrections;
+  OfferOptions offers;
   // Agents at the same time; each costs some 100 kB.
   int max_agents = 256;
   // Streams on one connection; viewers open a few.

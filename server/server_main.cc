@@ -57,6 +57,8 @@ void ProgramOptions::AddTo(OptionTable* table) {
              "While submaps keep coming the map is saved this often.");
   table->Add("downlink_bytes_per_second", &server.corrections.bytes_per_second, "bytes/s",
              "Long-term limit of the corrections to one agent.");
+  table->Add("offered_bytes_per_second", &server.offers.bytes_per_second, "bytes/s",
+             "Long-term limit of the landmarks of others that one agent is offered; 0 for none.");
   table->Add("correction_share", &server.corrections.translation_share, "",
              "A submap is told again once a keyframe moved by more than this share of the "
              "distance of its landmarks.");

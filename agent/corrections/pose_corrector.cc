@@ -1,10 +1,17 @@
 #include "agent/corrections/pose_corrector.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 
 namespace portolan {
+namespace {
+
+// Should nobody take them.
+constexpr std::ptrdiff_t kMaxWaitingOffers = 100;
+
+}  // namespace
 
 void PoseCorrector::OpenSubmap(uint32_t sequence_number,
                                std::optional<Rigid3> predecessor_from_submap) {
@@ -39,7 +46,16 @@ Status PoseCorrector::Apply(const MapCorrection& correction) {
     if (!one.ok()) status = one;
   }
   map_version_ = std::max(map_version_, correction.map_version);
+  offers_.insert(offers_.end(), correction.offers.begin(), correction.offers.end());
+  if (std::ssize(offers_) > kMaxWaitingOffers) {
+    offers_.erase(offers_.begin(), offers_.end() - kMaxWaitingOffers);
+  }
   return status;
+}
+
+std::vector<LandmarkOffer> PoseCorrector::TakeOffers() {
+  std::unique_lock lock(mutex_);
+  return std::exchange(offers_, {});
 }
 
 Status PoseCorrector::ApplyOne(const SubmapPlacement& placement, uint64_t map_version) {
@@ -137,6 +153,11 @@ PlacedPose PoseCorrector::Place(uint32_t sequence_number, const Rigid3& submap_f
   return pose;
 }
 
+CorrectedSubmap PoseCorrector::Corrected(const SubmapRecord& record) {
+  return {WorldFrame(record).origin, record.correction.keyframes, record.placement->added_radial,
+          record.placement->world_from_submap.scale};
+}
+
 std::optional<CorrectedSubmap> PoseCorrector::NewestPlaced(uint32_t sequence_number) const {
   std::unique_lock lock(mutex_);
   for (uint32_t current = sequence_number;; --current) {
@@ -144,11 +165,23 @@ std::optional<CorrectedSubmap> PoseCorrector::NewestPlaced(uint32_t sequence_num
     if (at == submaps_.end()) return std::nullopt;
     const SubmapRecord& record = at->second;
     if (record.placement && !record.correction.keyframes.empty()) {
-      return CorrectedSubmap{WorldFrame(record).origin, record.correction.keyframes,
-                             record.placement->added_radial};
+      return Corrected(record);
     }
     if (!record.predecessor_from_submap || current == 0) return std::nullopt;
   }
+}
+
+std::vector<CorrectedSubmap> PoseCorrector::PlacedSince(uint64_t map_version) const {
+  std::unique_lock lock(mutex_);
+  std::vector<CorrectedSubmap> placed;
+  for (const auto& [sequence_number, record] : submaps_) {
+    if (!record.placement || record.placement_version <= map_version ||
+        record.correction.keyframes.empty()) {
+      continue;
+    }
+    placed.push_back(Corrected(record));
+  }
+  return placed;
 }
 
 std::vector<PlacedFrame> PoseCorrector::Trajectory() const {

@@ -41,6 +41,8 @@ struct CorrectedSubmap {
   std::vector<CorrectedKeyframe> keyframes;
   // SubmapPlacement::added_radial.
   Eigen::Vector2d added_radial = Eigen::Vector2d::Zero();
+  // World units a unit of the submap.
+  double scale = 1;
 };
 
 // Keeps the session's submaps (links, frames, keyframe poses) and the newest correction of each.
@@ -61,6 +63,9 @@ class PoseCorrector {
   // submaps that are not closed, wrong numbers of keyframes.
   Status Apply(const MapCorrection& correction);
 
+  // The landmarks that the server has offered since the last call, in order of arrival.
+  std::vector<LandmarkOffer> TakeOffers();
+
   // The pose by the newest correction of the submap or of the nearest older submap that connected
   // links lead to; without one, in the odometry frame.
   PlacedPose Place(uint32_t sequence_number, const Rigid3& submap_from_camera) const;
@@ -68,6 +73,9 @@ class PoseCorrector {
   // The newest submap with adjusted keyframes that connected links lead to from this one, itself
   // included.
   std::optional<CorrectedSubmap> NewestPlaced(uint32_t sequence_number) const;
+
+  // The submaps with adjusted keyframes that were placed by a later version.
+  std::vector<CorrectedSubmap> PlacedSince(uint64_t map_version) const;
 
   // All frames of the closed submaps in ascending time, each once. A submap without correction
   // is placed over connected links by its nearest older, else its nearest younger neighbour.
@@ -98,12 +106,15 @@ class PoseCorrector {
   std::optional<Frame> FrameFromYounger(uint32_t sequence_number) const
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static Frame WorldFrame(const SubmapRecord& record);
+  // Of a placed one.
+  static CorrectedSubmap Corrected(const SubmapRecord& record);
   // The placement of the camera at the submap's last keyframe, where a connected successor hangs.
   static Similarity3 WorldFromLastKeyframe(const SubmapRecord& record);
 
   mutable std::mutex mutex_;
   std::map<uint32_t, SubmapRecord> submaps_ ABSL_GUARDED_BY(mutex_);
   uint64_t map_version_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::vector<LandmarkOffer> offers_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace portolan

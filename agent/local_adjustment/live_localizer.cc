@@ -4,7 +4,7 @@
 
 namespace portolan {
 
-PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, const PoseCorrector& corrector) {
+PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, PoseCorrector* corrector) {
   if (frame.begins_submap) {
     if (frame.predecessor_from_submap) {
       odometry_from_submap_ = odometry_from_submap_ * *frame.predecessor_from_submap;
@@ -15,12 +15,22 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, const PoseCorrector& 
       seen_version_ = 0;
     }
   }
-  PlacedPose placed = corrector.Place(frame.sequence_number, frame.submap_from_camera);
+  PlacedPose placed = corrector->Place(frame.sequence_number, frame.submap_from_camera);
   if (!frame.tracked) return placed;
-  FollowCorrections(frame.sequence_number, corrector);
-  const Rigid3 pose =
-      window_.Locate(odometry_from_submap_ * frame.submap_from_camera, frame.sights);
-  if (frame.is_keyframe) window_.AddKeyframe(frame.time);
+  Learn(corrector);
+  FollowCorrections(frame.sequence_number, *corrector);
+  Rigid3 pose = window_.Locate(odometry_from_submap_ * frame.submap_from_camera, frame.sights);
+  if (frame.is_keyframe) {
+    std::vector<KnownSight> known;
+    if (held_ && !frame.features.empty()) {
+      matcher_.SetCamera(window_.camera());
+      known =
+          matcher_.Match(memory_, held_->component, frame.sequence_number, pose, frame.features);
+    }
+    const bool is_tied = !known.empty();
+    window_.AddKeyframe(frame.time, std::move(known));
+    if (is_tied) pose = window_.window_from_camera();
+  }
   if (held_) {
     placed = *held_;
     placed.frame_from_camera = pose;
@@ -28,6 +38,21 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, const PoseCorrector& 
     placed.frame_from_camera = pose;
   }
   return placed;
+}
+
+void LiveLocalizer::Learn(PoseCorrector* corrector) {
+  if (!remembers_) return;
+  const uint64_t version = corrector->map_version();
+  if (version != learnt_version_) {
+    for (const CorrectedSubmap& submap : corrector->PlacedSince(learnt_version_)) {
+      window_.SetLens(submap.added_radial);
+      memory_.SetCamera(window_.camera());
+      memory_.Place(submap.origin.frame_submap, submap.origin.component, submap.scale,
+                    submap.keyframes);
+    }
+    learnt_version_ = version;
+  }
+  for (const LandmarkOffer& offer : corrector->TakeOffers()) memory_.AddOffer(offer);
 }
 
 void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrector& corrector) {
@@ -46,7 +71,10 @@ void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrec
   for (const CorrectedKeyframe& keyframe : newest->keyframes) {
     poses.push_back({keyframe.time, keyframe.world_from_camera});
   }
-  if (window_.Hold(poses)) {
+  const auto position_of = [&](const KnownLandmarkId& landmark) {
+    return memory_.PositionOf(landmark, newest->origin.component);
+  };
+  if (window_.Hold(poses, position_of)) {
     held_ = newest->origin;
   } else if (held_ && held_->component != newest->origin.component) {
     // The window's world is no more.

@@ -1,5 +1,5 @@
 // The pose that the agent tells at once: the server's newest correction, and from there on the
-// local adjustment's motion.
+// local adjustment's motion, which holds on to what the agent sees of the map again.
 #ifndef PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LIVE_LOCALIZER_H_
 #define PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LIVE_LOCALIZER_H_
 
@@ -8,6 +8,7 @@
 
 #include "agent/corrections/pose_corrector.h"
 #include "agent/local_adjustment/local_adjustment.h"
+#include "agent/revisit/revisit_options.h"
 
 namespace portolan {
 
@@ -23,28 +24,45 @@ struct LiveFrame {
   bool is_keyframe = false;
   // Ascending track id.
   std::span<const LiveSight> sights;
+  // Of a keyframe that is to be searched for landmarks of the map: its described tracks.
+  std::span<const Feature> features;
 };
 
-// Protocol: Localize for every frame in order of time, after the corrector was told of its submap.
-// Thread-compatible.
+// Protocol: AddSubmap for every submap of the agent that is closed; Localize for every frame in
+// order of time, after the corrector was told of its submap. Thread-compatible.
 class LiveLocalizer {
  public:
-  LiveLocalizer(const LocalAdjustmentOptions& options, const CameraModel& camera)
-      : window_(options, camera) {}
+  LiveLocalizer(const LocalAdjustmentOptions& options, const RevisitOptions& revisit,
+                const CameraModel& camera)
+      : window_(options, camera),
+        memory_(revisit.memory, camera),
+        matcher_(revisit.matcher, camera),
+        remembers_(revisit.enabled) {}
+
+  void AddSubmap(const Submap& submap) {
+    if (remembers_) memory_.AddSubmap(submap);
+  }
 
   // Where the frame is by all that is known now.
-  PlacedPose Localize(const LiveFrame& frame, const PoseCorrector& corrector);
+  PlacedPose Localize(const LiveFrame& frame, PoseCorrector* corrector);
 
  private:
   // Puts the window in the world again if the server has told something new.
   void FollowCorrections(uint32_t sequence_number, const PoseCorrector& corrector);
+  // Takes in what the server has told of other submaps.
+  void Learn(PoseCorrector* corrector);
 
   LocalAdjustment window_;
+  LandmarkMemory memory_;
+  LandmarkMatcher matcher_;
+  const bool remembers_;
   // Of the first of the connected submaps.
   Rigid3 odometry_from_submap_;
   // The correction that holds the window.
   std::optional<PlacedPose> held_;
   uint64_t seen_version_ = 0;
+  // Of the placements that memory_ has.
+  uint64_t learnt_version_ = 0;
 };
 
 }  // namespace portolan

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <memory>
-#include <tuple>
 #include <utility>
 
 #include "common/base/check.h"
@@ -14,8 +13,6 @@
 namespace portolan {
 namespace {
 
-// While all keyframes are free but the first, the distance of the farthest one is held so firmly.
-constexpr double kScaleGaugeSigma = 1e-3;
 // Keyframes over which units of length are compared.
 constexpr size_t kScaleKeyframes = 8;
 
@@ -52,6 +49,7 @@ Status LocalAdjustmentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(bundle.Validate());
   PORTOLAN_RETURN_IF_ERROR(triangulation.Validate());
   PORTOLAN_RETURN_IF_ERROR(resection.Validate());
+  PORTOLAN_RETURN_IF_ERROR(known_fit.Validate());
   if (max_free_keyframes < 1 || max_keyframes <= max_free_keyframes ||
       max_kept_keyframes < max_keyframes || max_free_after_correction < max_free_keyframes ||
       max_start_iterations < 1 || min_points < 4 || max_lens_windows < 0 ||
@@ -132,14 +130,16 @@ const LocalAdjustment::WindowPoint* LocalAdjustment::FindPoint(TrackId track) co
   return at == points_.end() || at->track != track ? nullptr : &*at;
 }
 
-void LocalAdjustment::AddKeyframe(Timestamp time) {
+void LocalAdjustment::AddKeyframe(Timestamp time, std::vector<KnownSight> known) {
   PORTOLAN_CHECK(odometry_from_camera_.has_value());
   if (static_cast<int>(keyframes_.size()) == options_.max_kept_keyframes) {
     keyframes_.erase(keyframes_.begin());
   }
   WindowKeyframe keyframe{time, *odometry_from_camera_, window_from_camera_, {}, false};
   for (const LiveSight& sight : sights_) keyframe.sights.push_back(sight.observation);
+  keyframe.known = std::move(known);
   keyframes_.push_back(std::move(keyframe));
+  if (!keyframes_.back().known.empty()) FollowKnown();
   // A start is far from converged.
   const bool is_start = static_cast<int>(keyframes_.size()) <= options_.max_keyframes;
   if (++keyframes_since_lens_ >= options_.max_keyframes && !is_start &&
@@ -150,7 +150,7 @@ void LocalAdjustment::AddKeyframe(Timestamp time) {
          is_start ? options_.max_start_iterations : options_.bundle.max_iterations);
 }
 
-bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
+bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes, const PositionOf& position_of) {
   std::vector<std::pair<size_t, Rigid3>> common;
   for (const KeyframePose& held : keyframes) {
     const auto at = std::lower_bound(
@@ -170,13 +170,14 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
   const Similarity3 new_from_old =
       Similarity3::FromRigid(common.back().second, scale) *
       Similarity3::FromRigid(keyframes_[common.back().first].window_from_camera).Inverse();
+  Move(new_from_old);
   for (WindowKeyframe& keyframe : keyframes_) {
-    keyframe.window_from_camera = new_from_old * keyframe.window_from_camera;
     keyframe.held = false;
-  }
-  for (WindowPoint& point : points_) {
-    point.point_in_window = new_from_old * point.point_in_window;
-    point.seen_from_last = Transformed(new_from_old, point.seen_from_last);
+    std::erase_if(keyframe.known, [&](KnownSight& sight) {
+      const auto position = position_of ? position_of(sight.landmark) : std::nullopt;
+      if (position) sight.point_in_world = *position;
+      return !position;
+    });
   }
   for (const auto& [index, pose] : common) {
     keyframes_[index].window_from_camera = pose;
@@ -184,14 +185,37 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes) {
   }
   keyframes_.erase(keyframes_.begin(),
                    keyframes_.begin() + static_cast<std::ptrdiff_t>(common.front().first));
-  scale_ *= scale;
   in_world_ = true;
-  window_from_camera_ = new_from_old * window_from_camera_;
+  FollowKnown();
   const Rigid3 last_from_camera =
       keyframes_.back().window_from_camera.Inverse() * window_from_camera_;
   Adjust(options_.max_free_after_correction, options_.max_start_iterations);
   window_from_camera_ = keyframes_.back().window_from_camera * last_from_camera;
   return true;
+}
+
+void LocalAdjustment::Move(const Similarity3& new_from_old) {
+  for (WindowKeyframe& keyframe : keyframes_) {
+    keyframe.window_from_camera = new_from_old * keyframe.window_from_camera;
+  }
+  for (WindowPoint& point : points_) {
+    point.point_in_window = new_from_old * point.point_in_window;
+    point.seen_from_last = Transformed(new_from_old, point.seen_from_last);
+  }
+  scale_ *= new_from_old.scale;
+  window_from_camera_ = new_from_old * window_from_camera_;
+}
+
+void LocalAdjustment::FollowKnown() {
+  std::vector<KnownView> views;
+  const size_t size = keyframes_.size();
+  for (size_t i = FirstOfLast(size, options_.max_keyframes); i < size; ++i) {
+    for (const KnownSight& sight : keyframes_[i].known) {
+      views.push_back({keyframes_[i].window_from_camera, &sight});
+    }
+  }
+  const auto new_from_old = FitToKnown(options_.known_fit, camera_, views, SceneDepth());
+  if (new_from_old) Move(*new_from_old);
 }
 
 std::vector<LocalAdjustment::KeyframePose> LocalAdjustment::Keyframes() const {
@@ -215,6 +239,7 @@ void LocalAdjustment::Adjust(int max_free, int max_iterations) {
   const std::vector<TrackId> tracks =
       MakeProblem(static_cast<int>(first), static_cast<int>(first_free), &problem);
   if (tracks.empty()) return;
+  AddKnown(static_cast<int>(first), static_cast<int>(first_free), &problem);
   BundleOptions bundle = options_.bundle;
   bundle.max_iterations = max_iterations;
   BundleParameters parameters(problem);
@@ -223,109 +248,6 @@ void LocalAdjustment::Adjust(int max_free, int max_iterations) {
   }
   TakeResult(problem, tracks, static_cast<int>(first));
   MeasureScale();
-}
-
-std::vector<TrackId> LocalAdjustment::MakeProblem(int first, int first_free,
-                                                  BundleProblem* problem) const {
-  AddCameras(first, first_free, problem);
-  const double scene_depth = SceneDepth();
-  std::vector<TrackId> tracks;
-  const std::vector<Sight> sights = CollectSights(first, first_free);
-  for (size_t begin = 0, end = 0; begin < sights.size(); begin = end) {
-    const TrackId track = sights[begin].track;
-    while (end < sights.size() && sights[end].track == track) ++end;
-    const size_t points = problem->points.size();
-    AddPoint(std::span(sights).subspan(begin, end - begin), first, scene_depth, problem);
-    if (problem->points.size() > points) tracks.push_back(track);
-  }
-  if (static_cast<int>(tracks.size()) < options_.min_points) tracks.clear();
-  return tracks;
-}
-
-void LocalAdjustment::AddCameras(int first, int first_free, BundleProblem* problem) const {
-  for (int i = first; i < static_cast<int>(keyframes_.size()); ++i) {
-    BundleCamera camera;
-    camera.world_from_camera = keyframes_[i].window_from_camera;
-    camera.model = &camera_;
-    camera.fixed = i < first_free;
-    problem->cameras.push_back(camera);
-  }
-  if (first_free - first > 1) return;
-  DistancePrior scale{0, 0, 0, kScaleGaugeSigma};
-  for (size_t i = 1; i < problem->cameras.size(); ++i) {
-    const double distance = (problem->cameras[i].world_from_camera.translation -
-                             problem->cameras[0].world_from_camera.translation)
-                                .norm();
-    if (distance <= scale.distance) continue;
-    scale.distance = distance;
-    scale.camera_b = static_cast<int>(i);
-  }
-  if (scale.distance > 0) problem->distances.push_back(scale);
-}
-
-// Of the tracks that a free keyframe or the last one sees, and another one as well; ascending
-// track and keyframe.
-std::vector<LocalAdjustment::Sight> LocalAdjustment::CollectSights(int first,
-                                                                   int first_free) const {
-  const int size = static_cast<int>(keyframes_.size());
-  std::vector<Sight> sights;
-  for (int i = first; i < size; ++i) {
-    for (const Observation& sight : keyframes_[i].sights)
-      sights.push_back({sight.track, i, &sight});
-  }
-  std::sort(sights.begin(), sights.end(), [](const Sight& a, const Sight& b) {
-    return std::tie(a.track, a.keyframe) < std::tie(b.track, b.keyframe);
-  });
-  const int first_wanted = std::min(first_free, size - 1);
-  size_t kept = 0;
-  for (size_t begin = 0, end = 0; begin < sights.size(); begin = end) {
-    while (end < sights.size() && sights[end].track == sights[begin].track) ++end;
-    if (end - begin < 2 || sights[end - 1].keyframe < first_wanted) continue;
-    kept = std::copy(sights.begin() + begin, sights.begin() + end, sights.begin() + kept) -
-           sights.begin();
-  }
-  sights.resize(kept);
-  return sights;
-}
-
-void LocalAdjustment::AddPoint(std::span<const Sight> sights, int first, double scene_depth,
-                               BundleProblem* problem) const {
-  const size_t begin = problem->observations.size();
-  const int index = static_cast<int>(problem->points.size());
-  for (const Sight& sight : sights) {
-    problem->observations.push_back({sight.keyframe - first, index,
-                                     sight.observation->pixel.cast<double>(),
-                                     double{sight.observation->sigma_px}, false});
-  }
-  problem->points.emplace_back();
-  int inliers = 0;
-  if (const WindowPoint* known = FindPoint(sights.front().track)) {
-    problem->points.back().point_in_world = known->point_in_window;
-    for (size_t i = begin; i < problem->observations.size(); ++i) {
-      BundleObservation& observation = problem->observations[i];
-      observation.inlier =
-          ReprojectionChi2(*problem, observation) < options_.triangulation.inlier_chi2;
-      inliers += observation.inlier ? 1 : 0;
-    }
-  }
-  if (inliers >= 2 && 2 * inliers >= static_cast<int>(sights.size())) return;
-  std::vector<TrackSight> rays;
-  for (size_t i = begin; i < problem->observations.size(); ++i) {
-    const BundleObservation& observation = problem->observations[i];
-    rays.push_back({{problem->cameras[observation.camera].world_from_camera, &camera_},
-                    observation.pixel,
-                    observation.sigma_px});
-  }
-  const auto point = TriangulateTrack(options_.triangulation, rays, std::nullopt, scene_depth);
-  if (!point) {
-    problem->points.pop_back();
-    problem->observations.resize(begin);
-    return;
-  }
-  problem->points.back().point_in_world = point->point_in_world;
-  for (size_t i = 0; i < rays.size(); ++i) {
-    problem->observations[begin + i].inlier = point->inliers[i];
-  }
 }
 
 void LocalAdjustment::TakeResult(const BundleProblem& problem, const std::vector<TrackId>& tracks,

@@ -3,12 +3,14 @@
 #ifndef PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LOCAL_ADJUSTMENT_H_
 #define PORTOLAN_AGENT_LOCAL_ADJUSTMENT_LOCAL_ADJUSTMENT_H_
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
 
-#include "common/bundle/resection.h"
+#include "agent/local_adjustment/known_fit.h"
 #include "common/bundle/bundle_options.h"
+#include "common/bundle/resection.h"
 #include "common/bundle/triangulation.h"
 #include "common/camera/camera_model.h"
 #include "common/geometry/similarity3.h"
@@ -36,11 +38,14 @@ struct LocalAdjustmentOptions {
   // the calibration's k1 and k2 may be off, at the image's corner.
   int max_lens_windows = 12;
   double lens_corner_sigma_px = 5.0;
+  // A calibration with distortion is believed.
+  bool trust_distortion = true;
   // Once it is known to this much it stays: every change costs, for the window was placed by the
   // lens before.
   double lens_known_px = 1.0;
   // By how much a window tells less of the lens than white noise would let it.
   double lens_noise_factor = 2.0;
+  KnownFitOptions known_fit;
   // With fewer triangulated points an adjustment has no say.
   int min_points = 20;
 
@@ -60,6 +65,9 @@ struct LiveSight {
 //
 // Protocol: Start; then Locate for every tracked frame in order of time, after it AddKeyframe if
 // the frame is a keyframe; Hold in between, whenever the server has told poses of keyframes.
+//
+// Landmarks of the map that keyframes see again are points that no adjustment moves. All of the
+// window first follows them, as it has drifted as a whole, then its free keyframes one by one.
 // Thread-compatible, deterministic.
 class LocalAdjustment {
  public:
@@ -75,8 +83,8 @@ class LocalAdjustment {
 
   // The pose of a frame; of the first one the odometry's. sights: ascending track id.
   Rigid3 Locate(const Rigid3& odometry_from_camera, std::span<const LiveSight> sights);
-  // The frame that was located last is a keyframe.
-  void AddKeyframe(Timestamp time);
+  // The frame that was located last is a keyframe. known: landmarks of the map that it shows.
+  void AddKeyframe(Timestamp time, std::vector<KnownSight> known = {});
 
   // k1 and k2 of the lens as somebody who has seen more has found it, less the calibration's; the
   // window no longer looks for it by itself. Zero, or a lens that cannot be, changes nothing.
@@ -84,11 +92,14 @@ class LocalAdjustment {
 
   // Known poses of keyframes, in ascending time and another frame, which becomes the window's. They
   // are held from now on, older keyframes forgotten, younger ones follow. False, and nothing
-  // changes, if fewer than two of them are kept.
-  bool Hold(std::span<const KeyframePose> keyframes);
+  // changes, if fewer than two of them are kept. position_of: where known landmarks are by now.
+  using PositionOf = std::function<std::optional<Eigen::Vector3d>(const KnownLandmarkId&)>;
+  bool Hold(std::span<const KeyframePose> keyframes, const PositionOf& position_of = {});
 
   // Keyframes as they are believed to be now, ascending time.
   std::vector<KeyframePose> Keyframes() const;
+  // The frame located last as it is believed to be now.
+  const Rigid3& window_from_camera() const { return window_from_camera_; }
   // Window units per unit of the odometry.
   double scale() const { return scale_; }
   int point_count() const { return static_cast<int>(points_.size()); }
@@ -102,6 +113,7 @@ class LocalAdjustment {
     Rigid3 window_from_camera;
     std::vector<Observation> sights;
     bool held = false;
+    std::vector<KnownSight> known = {};
   };
   struct WindowPoint {
     TrackId track;
@@ -126,6 +138,10 @@ class LocalAdjustment {
   void AddCameras(int first, int first_free, BundleProblem* problem) const;
   void AddPoint(std::span<const Sight> sights, int first, double scene_depth,
                 BundleProblem* problem) const;
+  void AddKnown(int first, int first_free, BundleProblem* problem) const;
+  void Move(const Similarity3& new_from_old);
+  // Moves all to where the known landmarks are.
+  void FollowKnown();
   void TakeResult(const BundleProblem& problem, const std::vector<TrackId>& tracks, int first);
   void MeasureDepth(std::span<const BundleObservation> observations,
                     const std::vector<CameraState>& cameras, double prior_sigma,

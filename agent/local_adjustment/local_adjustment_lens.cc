@@ -32,6 +32,7 @@ void LocalAdjustment::SetLens(const Eigen::Vector2d& added_radial) {
 // Of successive windows, each with keyframes of its own, what they say is independent.
 void LocalAdjustment::AdjustLens() {
   keyframes_since_lens_ = 0;
+  if (options_.trust_distortion && calibration_.has_distortion()) return;
   const int first = static_cast<int>(keyframes_.size()) - options_.max_keyframes;
   BundleProblem problem;
   const std::vector<TrackId> tracks = MakeProblem(first, first + 1, &problem);

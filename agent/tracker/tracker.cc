@@ -121,7 +121,7 @@ class Tracker::Impl {
   std::vector<TrackId> Detect();
   void Drop(std::span<const TrackId> tracks);
   std::vector<TrackId> Reacquire(std::span<const SearchRegion> lost);
-  std::vector<Feature> Describe() const;
+  std::vector<Feature> Describe(bool with_corners) const;
   const std::vector<TrackedPoint>& points() const { return points_; }
   const CameraModel& camera() const { return camera_; }
 
@@ -328,11 +328,13 @@ std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost
   return revived;
 }
 
-std::vector<Feature> Tracker::Impl::Describe() const {
+std::vector<Feature> Tracker::Impl::Describe(bool with_corners) const {
   if (current_.empty()) return {};
   std::vector<Eigen::Vector2d> pixels;
   for (const TrackedPoint& point : points_) pixels.push_back(point.pixel);
-  const auto described = ExtractFeatures(current_.image(), pixels, options_.features);
+  FeatureExtractorOptions options = options_.features;
+  if (!with_corners) options.max_extra_corners = 0;
+  const auto described = ExtractFeatures(current_.image(), pixels, options);
   if (!described.ok()) return {};
   std::vector<Feature> features;
   for (const DescribedPoint& point : *described) {
@@ -402,6 +404,8 @@ std::vector<TrackId> Tracker::Reacquire(std::span<const SearchRegion> lost) {
   return impl_->Reacquire(lost);
 }
 const std::vector<TrackedPoint>& Tracker::points() const { return impl_->points(); }
-std::vector<Feature> Tracker::Describe() const { return impl_->Describe(); }
+std::vector<Feature> Tracker::Describe(bool with_corners) const {
+  return impl_->Describe(with_corners);
+}
 
 }  // namespace portolan

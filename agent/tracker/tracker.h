@@ -113,8 +113,8 @@ class Tracker {
   // Live tracks, ascending id.
   const std::vector<TrackedPoint>& points() const;
 
-  // Descriptors of all live tracks and of further corners of the current image.
-  std::vector<Feature> Describe() const;
+  // Descriptors of all live tracks and, if wanted, of further corners of the current image.
+  std::vector<Feature> Describe(bool with_corners = true) const;
 
  private:
   class Impl;

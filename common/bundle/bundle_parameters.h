@@ -18,7 +18,7 @@ struct BundleParameters {
   std::vector<bool> cameras_used;
   std::vector<PointReference> point_references;
   std::vector<std::array<double, 3>> points;
-  // Inlier observations of a point; points with fewer than two have no say.
+  // Inlier observations of a point; points with fewer than two have no say unless they are held.
   std::vector<int> inliers;
   double median_depth = 1;
   // Added to each lens's k1 and k2.
@@ -28,7 +28,8 @@ struct BundleParameters {
   explicit BundleParameters(const BundleProblem& problem);
 
   bool HasSay(const BundleProblem& problem, const BundleObservation& observation) const {
-    return observation.inlier && inliers[observation.point] >= 2 &&
+    return observation.inlier &&
+           (inliers[observation.point] >= 2 || problem.points[observation.point].fixed) &&
            !(problem.cameras[observation.camera].fixed && problem.points[observation.point].fixed);
   }
   bool IsAdjusted(const BundleProblem& problem, size_t point) const {

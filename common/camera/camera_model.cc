@@ -278,6 +278,12 @@ std::optional<Eigen::Vector3d> CameraModel::Unproject(const Eigen::Vector2d& pix
   return bearing.normalized();
 }
 
+bool CameraModel::has_distortion() const {
+  const auto& k = intrinsics_.coefficients;
+  return intrinsics_.distortion != DistortionModel::kNone &&
+         std::any_of(k.begin(), k.end(), [](double coefficient) { return coefficient != 0; });
+}
+
 Eigen::Matrix2d CameraModel::DPixelDRadial(const Eigen::Vector3d& point_in_camera) const {
   const double x = point_in_camera.x(), y = point_in_camera.y(), z = point_in_camera.z();
   if (!(z > 0)) return Eigen::Matrix2d::Zero();

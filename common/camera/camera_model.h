@@ -49,6 +49,10 @@ class CameraModel {
   // back to within 1e-6 px.
   std::optional<Eigen::Vector3d> Unproject(const Eigen::Vector2d& pixel) const;
 
+  // False if nobody has looked for the distortion, or images were rectified: all coefficients are
+  // 0.
+  bool has_distortion() const;
+
   // Derivative of a point's pixel by the first two radial coefficients, k1 and k2 of either
   // distortion model (of a camera without distortion: of kRadTan with all coefficients 0). Zero if
   // the point is not in front of the camera.

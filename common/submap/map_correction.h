@@ -7,6 +7,7 @@
 
 #include "common/base/strong_id.h"
 #include "common/geometry/similarity3.h"
+#include "common/submap/landmark_offer.h"
 
 namespace portolan {
 
@@ -34,6 +35,8 @@ struct MapCorrection {
   std::vector<SubmapPlacement> submaps;  // ascending sequence number
   // More parts of this version follow.
   bool more = false;
+  // Landmarks that the agent may look for.
+  std::vector<LandmarkOffer> offers = {};
 };
 
 }  // namespace portolan

@@ -16,6 +16,7 @@ void ToProto(const SessionHello& hello, v1::Hello* message) {
   ToProto(hello.camera, message->mutable_camera());
   message->set_software_version(hello.software_version.substr(0, kMaxSoftwareVersionLength));
   message->set_received_map_version(hello.received_map_version);
+  message->set_offered_bytes_per_second(hello.offered_bytes_per_second);
 }
 
 StatusOr<SessionHello> FromProto(const v1::Hello& message) {
@@ -36,6 +37,7 @@ StatusOr<SessionHello> FromProto(const v1::Hello& message) {
   }
   hello.software_version = message.software_version();
   hello.received_map_version = message.received_map_version();
+  hello.offered_bytes_per_second = message.offered_bytes_per_second();
   return hello;
 }
 

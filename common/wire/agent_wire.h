@@ -31,6 +31,8 @@ struct SessionHello {
   uint32_t protocol_version = kProtocolVersion;
   // Newest map version whose corrections the agent holds completely; 0 for none.
   uint64_t received_map_version = 0;
+  // What the agent wants of landmark offers, bytes a second.
+  uint32_t offered_bytes_per_second = 0;
 };
 
 // The agent's pose of this instant in the submap that it is building.

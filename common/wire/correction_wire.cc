@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/wire/geometry_wire.h"
+#include "common/wire/offer_wire.h"
 #include "common/wire/pose_columns.h"
 #include "common/wire/submap_validation.h"
 
@@ -118,6 +119,7 @@ void ToProto(const MapCorrection& correction, uint32_t protocol_version, v1::Cor
       EncodePoses(placement.adjusted_submap_from_camera, m->mutable_adjusted_poses());
     }
   }
+  for (const LandmarkOffer& offer : correction.offers) ToProto(offer, message->add_offers());
 }
 
 StatusOr<MapCorrection> FromProto(const v1::Correction& message) {
@@ -137,6 +139,16 @@ StatusOr<MapCorrection> FromProto(const v1::Correction& message) {
     }
     correction.submaps.push_back(std::move(placement));
   }
+  if (message.offers_size() > static_cast<int>(kMaxOffersPerCorrection)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("correction.offers: more than ", kMaxOffersPerCorrection));
+  }
+  for (int i = 0; i < message.offers_size(); ++i) {
+    PORTOLAN_ASSIGN_OR_RETURN(
+        LandmarkOffer offer,
+        FromProto(message.offers(i), absl::StrCat("correction.offers[", i, "]")));
+    correction.offers.push_back(std::move(offer));
+  }
   return correction;
 }
 
@@ -153,6 +165,7 @@ std::vector<MapCorrection> SplitCorrection(const MapCorrection& correction, size
     parts.push_back(std::move(part));
     begin = end;
   } while (begin < correction.submaps.size());
+  parts.front().offers = correction.offers;
   return parts;
 }
 

@@ -162,6 +162,7 @@ class WindowAdjustment {
     for (const auto& [session, cameras] : cameras_of) {
       if (cameras.size() < static_cast<size_t>(options_.min_lens_keyframes)) continue;
       const ModelSubmap& submap = model_.submap(camera_names_[cameras.front()].first);
+      if (options_.trust_distortion && submap.refined->camera->has_distortion()) continue;
       for (const int camera : cameras) {
         problem_.cameras[camera].lens = static_cast<int>(problem_.lenses.size());
       }

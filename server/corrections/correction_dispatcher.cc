@@ -10,8 +10,9 @@ constexpr auto kRetryInterval = std::chrono::milliseconds(500);
 
 }  // namespace
 
-CorrectionDispatcher::CorrectionDispatcher(const CorrectionOptions& options, SnapshotHub* hub)
-    : options_(options), hub_(hub) {}
+CorrectionDispatcher::CorrectionDispatcher(const CorrectionOptions& options,
+                                           const OfferOptions& offers, SnapshotHub* hub)
+    : options_(options), offer_options_(offers), hub_(hub) {}
 
 CorrectionDispatcher::~CorrectionDispatcher() { Shutdown(); }
 
@@ -31,11 +32,15 @@ void CorrectionDispatcher::Wake() {
 }
 
 void CorrectionDispatcher::Connect(const Key& session, uint64_t received_map_version,
-                                   std::weak_ptr<CorrectionSink> sink) {
+                                   std::weak_ptr<CorrectionSink> sink,
+                                   double offered_bytes_per_second) {
   {
     const std::lock_guard lock(mutex_);
     Session& entry = sessions_[session];
     if (!entry.planner) entry.planner = std::make_unique<CorrectionPlanner>(options_);
+    entry.offers = offered_bytes_per_second > 0 && offer_options_.bytes_per_second > 0
+                       ? std::make_unique<OfferPlanner>(offer_options_, offered_bytes_per_second)
+                       : nullptr;
     entry.sink = std::move(sink);
     entry.resumes = true;
     entry.is_dirty = true;
@@ -129,7 +134,9 @@ bool CorrectionDispatcher::ServeAll() {
     const std::set<Key> changed = Follow(snapshot);
     for (auto& [key, session] : sessions_) {
       session.is_dirty = session.is_dirty || changed.contains(key);
-      if (!session.is_dirty && session.flushes.empty()) continue;
+      const bool is_offered = session.offers && !session.sink.expired();
+      some_wait |= is_offered;
+      if (!session.is_dirty && session.flushes.empty() && !is_offered) continue;
       deliveries.push_back(Plan(&session, states_[key], *snapshot));
       some_wait |= session.planner && session.planner->has_deferred();
     }
@@ -152,8 +159,20 @@ CorrectionDispatcher::Delivery CorrectionDispatcher::Plan(Session* session,
     session->resumes = false;
   }
   const auto now = std::chrono::steady_clock::now().time_since_epoch();
-  delivery.correction = session->planner->Next(states, snapshot, now, !session->flushes.empty());
+  const bool is_ending = !session->flushes.empty();
+  delivery.correction = session->planner->Next(states, snapshot, now, is_ending);
   session->is_dirty = session->planner->has_deferred();
+  if (session->offers && !is_ending) {
+    std::vector<LandmarkOffer> offers =
+        session->offers->Next(states, snapshot, delivery.sink->NewestPose(), now);
+    if (!offers.empty() && !delivery.correction) {
+      delivery.correction.emplace();
+      delivery.correction->map_version = snapshot.version;
+      // Says nothing of the placements of this version.
+      delivery.correction->more = true;
+    }
+    if (!offers.empty()) delivery.correction->offers = std::move(offers);
+  }
   delivery.flushes = std::exchange(session->flushes, {});
   return delivery;
 }

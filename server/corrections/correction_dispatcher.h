@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "server/corrections/correction_planner.h"
+#include "server/corrections/offer_planner.h"
 #include "server/pipeline/snapshot_hub.h"
 
 namespace portolan {
@@ -26,6 +27,8 @@ class CorrectionSink {
   // agent gets the newest state and not a queue of old ones.
   virtual bool IsReady() const = 0;
   virtual void Send(const MapCorrection& correction) = 0;
+  // Where the agent said that it is.
+  virtual std::optional<LivePose> NewestPose() const { return std::nullopt; }
 };
 
 // One thread serves all agents. Thread-safe. The hub must outlive it.
@@ -33,14 +36,16 @@ class CorrectionDispatcher {
  public:
   using Key = std::pair<AgentId, SessionId>;
 
-  CorrectionDispatcher(const CorrectionOptions& options, SnapshotHub* hub);
+  CorrectionDispatcher(const CorrectionOptions& options, const OfferOptions& offers,
+                       SnapshotHub* hub);
   ~CorrectionDispatcher();
 
   void Start();
   // Corrections of the session go to `sink` from now on, as long as it lives; a later call for
-  // the same session replaces it.
+  // the same session replaces it. offered_bytes_per_second: what the agent wants of landmarks of
+  // others; it holds none of them now.
   void Connect(const Key& session, uint64_t received_map_version,
-               std::weak_ptr<CorrectionSink> sink);
+               std::weak_ptr<CorrectionSink> sink, double offered_bytes_per_second = 0);
   // Looks again, because a sink became ready.
   void Wake();
   // Sends everything outstanding of the session whatever the budget, then calls `done` on the
@@ -51,6 +56,7 @@ class CorrectionDispatcher {
  private:
   struct Session {
     std::unique_ptr<CorrectionPlanner> planner;
+    std::unique_ptr<OfferPlanner> offers;  // null if the agent wants none
     std::weak_ptr<CorrectionSink> sink;
     bool resumes = false;
     // Something changed since its agent was last told all.
@@ -73,7 +79,7 @@ class CorrectionDispatcher {
   };
 
   void Run();
-  // One round over all sessions; true if some wait for their budget.
+  // One round over all sessions; true if some wait for their budget or for offers.
   bool ServeAll();
   // Brings states_ to this version; returns the sessions that changed. What did not change costs
   // the comparison of a pointer.
@@ -82,6 +88,7 @@ class CorrectionDispatcher {
                 const MapSnapshot& snapshot);
 
   const CorrectionOptions options_;
+  const OfferOptions offer_options_;
   SnapshotHub* const hub_;
   uint64_t subscription_ = 0;
 

@@ -12,18 +12,6 @@ uint32_t SequenceNumber(const SubmapState& state) {
   return state.refined->raw->key.sequence_number;
 }
 
-// Median distance of the landmarks from the submap's origin in submap units; 1 without landmarks.
-double MedianDepth(const RefinedSubmap& refined) {
-  std::vector<double> distances;
-  for (const RefinedLandmark& landmark : refined.landmarks) {
-    distances.push_back(landmark.point_in_submap.norm());
-  }
-  if (distances.empty()) return 1.0;
-  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-  std::nth_element(distances.begin(), middle, distances.end());
-  return std::max(*middle, 1e-9);
-}
-
 bool IsMetric(const MapSnapshot& snapshot, ComponentId id) {
   for (const ComponentState& component : snapshot.components) {
     if (component.id == id) return component.metric;
@@ -39,6 +27,17 @@ Status CorrectionOptions::Validate() const {
     if (!(value > 0)) return absl::InvalidArgumentError("correction options must be positive");
   }
   return absl::OkStatus();
+}
+
+double MedianDepth(const RefinedSubmap& refined) {
+  std::vector<double> distances;
+  for (const RefinedLandmark& landmark : refined.landmarks) {
+    distances.push_back(landmark.point_in_submap.norm());
+  }
+  if (distances.empty()) return 1.0;
+  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), middle, distances.end());
+  return std::max(*middle, 1e-9);
 }
 
 double EstimateBytes(const SubmapPlacement& placement) {

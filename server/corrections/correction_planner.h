@@ -73,6 +73,9 @@ class CorrectionPlanner {
   bool has_deferred_ = false;
 };
 
+// Median distance of the landmarks from the submap's origin in submap units; 1 without landmarks.
+double MedianDepth(const RefinedSubmap& refined);
+
 // Size of a placement on the wire, within some ten bytes (to an agent of the present protocol).
 double EstimateBytes(const SubmapPlacement& placement);
 

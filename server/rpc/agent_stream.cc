@@ -76,7 +76,7 @@ void AgentStream::HandleHello(const v1::Hello& message) {
   welcome.mutable_welcome()->set_map_version(server_.hub->Get()->version);
   Write(std::move(welcome));
   server_.corrections->Connect({session.agent, session.session}, hello->received_map_version,
-                               weak_from_this());
+                               weak_from_this(), hello->offered_bytes_per_second);
   Read();
 }
 
@@ -144,6 +144,11 @@ void AgentStream::Send(const MapCorrection& correction) {
     ToProto(part, protocol_version_, message.mutable_correction());
     Write(std::move(message));
   }
+}
+
+std::optional<LivePose> AgentStream::NewestPose() const {
+  const auto status = server_.sessions->Find(*session_);
+  return status ? status->live_pose : std::nullopt;
 }
 
 void AgentStream::Write(v1::ServerMessage message) {

@@ -40,6 +40,7 @@ class AgentStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerM
 
   bool IsReady() const override;
   void Send(const MapCorrection& correction) override;
+  std::optional<LivePose> NewestPose() const override;
 
  private:
   AgentStream(const ServerContext& server, std::shared_ptr<AgentStreams> streams)

@@ -54,6 +54,45 @@ class Localizing : public ::testing::Test {
     ASSERT_TRUE(corrector_.Apply({map_version, {placement}, false}).ok());
   }
 
+  // All points as one view of another agent's, which lie off by `shift`.
+  LandmarkOffer Offer(const Eigen::Vector3d& shift, int64_t component) const {
+    LandmarkOffer offer;
+    offer.view = 1;
+    offer.component = ComponentId(component);
+    offer.world_from_camera =
+        world_from_truth_ * Similarity3::FromRigid(MovingCamera::WorldFromCamera(90));
+    offer.world_from_camera.translation += shift;
+    const Rigid3 view_from_truth = MovingCamera::WorldFromCamera(90).Inverse();
+    for (size_t i = 0; i < scene_.points().size(); ++i) {
+      const Eigen::Vector3d point = view_from_truth * scene_.points()[i];
+      if (point.z() < 1 || point.head<2>().norm() > point.z()) continue;
+      offer.landmarks.push_back(
+          {point, 1e-3, 1e-3, MovingCamera::DescriptorOf(TrackId(static_cast<uint32_t>(i)))});
+    }
+    return offer;
+  }
+  // The worst distance to the truth, moved by `shift`, of frames 80 to 100 with this offer.
+  double ErrorWithOffer(const Eigen::Vector3d& shift, int64_t component) {
+    double worst = 0;
+    for (int frame = 0; frame <= 100; ++frame) {
+      LiveFrame live = Frame(frame);
+      const std::vector<Feature> features = scene_.Features(frame);
+      if (live.is_keyframe) live.features = features;
+      PlacedPose placed = localizer_.Localize(live, &corrector_);
+      if (frame == 60) Correct(0);
+      if (frame == 65) {
+        MapCorrection correction;
+        correction.map_version = 1;
+        correction.offers.push_back(Offer(shift, component));
+        EXPECT_TRUE(corrector_.Apply(correction).ok());
+      }
+      if (frame < 80) continue;
+      placed.frame_from_camera.translation -= shift;
+      worst = std::max(worst, WorldError(placed, frame));
+    }
+    return worst;
+  }
+
   double WorldError(const PlacedPose& placed, int frame) const {
     const Rigid3 truth = world_from_truth_ * MovingCamera::WorldFromCamera(frame);
     return (placed.frame_from_camera.translation - truth.translation).norm();
@@ -64,7 +103,7 @@ class Localizing : public ::testing::Test {
   const Similarity3 world_from_truth_{
       0.8, Eigen::Quaterniond(RotationExp({1, 0.5, -0.2})), {-1, 2, 4}};
   PoseCorrector corrector_;
-  LiveLocalizer localizer_{{}, scene_.camera()};
+  LiveLocalizer localizer_{{}, {}, scene_.camera()};
   uint32_t broken_ = 0;  // the submap, not the first, that has no link
 
  private:
@@ -94,7 +133,7 @@ class Localizing : public ::testing::Test {
 
 TEST_F(Localizing, WithoutCorrectionsTheFrameIsThatOfTheOldestSubmap) {
   for (int frame = 0; frame < 120; ++frame) {
-    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    const PlacedPose placed = localizer_.Localize(Frame(frame), &corrector_);
     EXPECT_FALSE(placed.in_world);
     EXPECT_EQ(placed.frame_submap, 0u);
   }
@@ -104,7 +143,7 @@ TEST_F(Localizing, GoesOnFromTheCorrectionAcrossBorders) {
   double plain_error = 0;
   for (int frame = 0; frame < 190; ++frame) {
     const LiveFrame live = Frame(frame);
-    const PlacedPose placed = localizer_.Localize(live, corrector_);
+    const PlacedPose placed = localizer_.Localize(live, &corrector_);
     // The answer to submap 0 comes while submap 1 is open, that to submap 1 long after it.
     if (frame == 60) Correct(0);
     if (frame == 120) Correct(1);
@@ -123,7 +162,7 @@ TEST_F(Localizing, GoesOnFromTheCorrectionAcrossBorders) {
 TEST_F(Localizing, ABrokenLinkBeginsAnew) {
   broken_ = 1;
   for (int frame = 0; frame < 80; ++frame) {
-    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    const PlacedPose placed = localizer_.Localize(Frame(frame), &corrector_);
     if (frame == 60) Correct(0);
     if (frame < kFramesPerSubmap) continue;
     EXPECT_FALSE(placed.in_world);
@@ -136,7 +175,7 @@ TEST_F(Localizing, ABrokenLinkBeginsAnew) {
 
 TEST_F(Localizing, LeavesAWorldThatIsNoMore) {
   for (int frame = 0; frame < 215; ++frame) {
-    const PlacedPose placed = localizer_.Localize(Frame(frame), corrector_);
+    const PlacedPose placed = localizer_.Localize(Frame(frame), &corrector_);
     if (frame == 60) Correct(0);
     // By then the window has none of its keyframes left.
     if (frame == 210) Correct(0, 9, 2);
@@ -146,12 +185,22 @@ TEST_F(Localizing, LeavesAWorldThatIsNoMore) {
   }
 }
 
+// The map has moved what is offered; the submap's own correction is not there yet.
+TEST_F(Localizing, HoldsOnToOfferedLandmarks) {
+  EXPECT_LT(ErrorWithOffer({0.05, -0.03, 0.04}, 7), 0.015);
+}
+
+TEST_F(Localizing, OffersOfAnotherWorldChangeNothing) {
+  const Eigen::Vector3d shift(0.05, -0.03, 0.04);
+  EXPECT_GT(ErrorWithOffer(shift, 8), 0.9 * shift.norm());
+}
+
 TEST_F(Localizing, UntrackedFramesKeepTheFiltersPrediction) {
-  for (int frame = 0; frame < 30; ++frame) localizer_.Localize(Frame(frame), corrector_);
+  for (int frame = 0; frame < 30; ++frame) localizer_.Localize(Frame(frame), &corrector_);
   LiveFrame live = Frame(30);
   live.tracked = false;
   live.submap_from_camera.translation.x() += 0.5;
-  const PlacedPose placed = localizer_.Localize(live, corrector_);
+  const PlacedPose placed = localizer_.Localize(live, &corrector_);
   EXPECT_EQ(placed.frame_from_camera.translation, live.submap_from_camera.translation);
 }
 

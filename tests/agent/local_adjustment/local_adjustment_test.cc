@@ -60,6 +60,7 @@ TEST(LocalAdjustment, WrongLensIsFound) {
   const auto turned_by = [&](int max_lens_windows, double* corner_error) {
     LocalAdjustmentOptions options;
     options.max_lens_windows = max_lens_windows;
+    options.trust_distortion = false;
     LocalAdjustment window(options, wrong);
     const std::vector<Rigid3> poses = Drive(scene, 300, DriftingOdometry(0), &window);
     *corner_error = (*window.camera().Project(ray) - corner).norm();
@@ -73,6 +74,14 @@ TEST(LocalAdjustment, WrongLensIsFound) {
   EXPECT_LT(corner_with, 0.5);
   EXPECT_GT(corner_without, 3);
   EXPECT_LT(with, 0.5 * without);
+}
+
+TEST(LocalAdjustment, CalibrationWithDistortionIsBelieved) {
+  const MovingCamera scene;
+  const CameraModel calibrated = scene.camera().WithRadial({-0.01, 0}).value();
+  LocalAdjustment window({}, calibrated);
+  Drive(scene, 120, DriftingOdometry(0), &window);
+  EXPECT_EQ(window.camera().intrinsics(), calibrated.intrinsics());
 }
 
 TEST(LocalAdjustment, TakesTheLensThatOthersFound) {

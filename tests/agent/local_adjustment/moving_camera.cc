@@ -33,6 +33,22 @@ std::vector<LiveSight> MovingCamera::Sights(int frame) const {
   return sights;
 }
 
+std::vector<Feature> MovingCamera::Features(int frame) const {
+  std::vector<Feature> features;
+  for (const LiveSight& sight : Sights(frame)) {
+    const TrackId track = sight.observation.track;
+    features.push_back({sight.observation.pixel, 0, track, DescriptorOf(track)});
+  }
+  return features;
+}
+
+Descriptor MovingCamera::DescriptorOf(TrackId track) {
+  std::mt19937_64 random(track.value());
+  Descriptor descriptor;
+  for (uint64_t& word : descriptor.words) word = random();
+  return descriptor;
+}
+
 Rigid3 DriftingOdometry::Next(int frame) {
   if (frame == 0) return odometry_from_camera_;
   Rigid3 motion =

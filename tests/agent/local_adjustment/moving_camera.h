@@ -20,6 +20,10 @@ class MovingCamera {
   static Rigid3 WorldFromCamera(int frame);
   // What frame sees; every fourth point is trusted.
   std::vector<LiveSight> Sights(int frame) const;
+  // The same described; each point has a descriptor of its own.
+  std::vector<Feature> Features(int frame) const;
+  static Descriptor DescriptorOf(TrackId track);
+  const std::vector<Eigen::Vector3d>& points() const { return points_; }
 
  private:
   CameraModel camera_;

@@ -1,6 +1,7 @@
 #include "agent/uplink/uplink_protocol.h"
 
 #include "common/wire/correction_wire.h"
+#include "common/wire/geometry_wire.h"
 #include "tests/agent/uplink/uplink_test_support.h"
 
 namespace portolan {
@@ -155,6 +156,26 @@ TEST_F(UplinkProtocolTest, DropsInvalidLivePoses) {
   pose.submap_from_camera.translation.x() = std::nan("");
   protocol_.SetLivePose(pose);
   EXPECT_EQ(protocol_.Next(now_), std::nullopt);
+}
+
+TEST_F(UplinkProtocolTest, OffersAreHandedOnAndDamagedOnesNamed) {
+  protocol_.StartStream();
+  protocol_.OnMessage(Welcome(0));
+  v1::ServerMessage message = Correction(4, true);
+  v1::LandmarkOffer* offer = message.mutable_correction()->add_offers();
+  offer->set_view_id(5);
+  offer->set_component_id(1);
+  ToProto(Similarity3(), offer->mutable_world_from_camera());
+  const auto correction = protocol_.OnMessage(message);
+  ASSERT_TRUE(correction.has_value());
+  ASSERT_EQ(correction->offers.size(), 1u);
+  EXPECT_EQ(correction->offers[0].view, 5u);
+  // Offers alone say nothing of the version's placements.
+  EXPECT_EQ(protocol_.stats().received_map_version, 0u);
+  offer->set_count(1u << 31);
+  EXPECT_FALSE(protocol_.OnMessage(message).has_value());
+  EXPECT_EQ(protocol_.stats().malformed_messages, 1u);
+  EXPECT_THAT(protocol_.stats().last_error, testing::HasSubstr("correction.offers[0].count"));
 }
 
 TEST_F(UplinkProtocolTest, ResumesCorrectionsAfterTheLastCompleteVersion) {

@@ -19,6 +19,7 @@ SessionHello Hello() {
   hello.camera.fx_px = hello.camera.fy_px = 500;
   hello.software_version = "0.1.0";
   hello.received_map_version = 12;
+  hello.offered_bytes_per_second = 300;
   return hello;
 }
 
@@ -32,6 +33,7 @@ TEST(AgentWire, KeepsHello) {
   EXPECT_EQ(hello->camera, Hello().camera);
   EXPECT_EQ(hello->software_version, "0.1.0");
   EXPECT_EQ(hello->received_map_version, 12u);
+  EXPECT_EQ(hello->offered_bytes_per_second, 300u);
 }
 
 TEST(AgentWire, RefusesHelloOfAnotherVersionOrWithoutIdentity) {

@@ -6,6 +6,7 @@
 #include <condition_variable>
 #include <future>
 
+#include "tests/server/corrections/wall_state.h"
 #include "tests/server/support/fake_map_engine.h"
 #include "tests/server/support/test_submaps.h"
 
@@ -67,7 +68,7 @@ class CorrectionDispatcherTest : public ::testing::Test {
   }
 
   SnapshotHub hub_;
-  CorrectionDispatcher dispatcher_{CorrectionOptions(), &hub_};
+  CorrectionDispatcher dispatcher_{CorrectionOptions(), OfferOptions(), &hub_};
 };
 
 TEST_F(CorrectionDispatcherTest, EachAgentGetsItsOwnSubmaps) {
@@ -81,6 +82,31 @@ TEST_F(CorrectionDispatcherTest, EachAgentGetsItsOwnSubmaps) {
   EXPECT_EQ(b->WaitForCorrection(0).map_version, 2u);
   EXPECT_EQ(Flush("a"), 2u);
   EXPECT_EQ(a->count(), 1u);
+}
+
+// What is offered is OfferPlanner's business.
+TEST_F(CorrectionDispatcherTest, OffersGoToThoseWhoAskForThem) {
+  const auto asks = std::make_shared<FakeSink>();
+  const auto does_not = std::make_shared<FakeSink>();
+  dispatcher_.Connect({AgentId("a"), SessionId(1)}, 0, asks, 500);
+  dispatcher_.Connect({AgentId("b"), SessionId(1)}, 0, does_not);
+  auto map = std::make_shared<MapSnapshot>(*hub_.Get());
+  map->version = 1;
+  map->submaps = {testing::MakeWallState("a", 1, Rigid3()),
+                  testing::MakeWallState("b", 2, Rigid3())};
+  hub_.Publish(map);
+  size_t landmarks = 0;
+  for (size_t i = 0; landmarks == 0; ++i) {
+    for (const LandmarkOffer& offer : asks->WaitForCorrection(i).offers) {
+      landmarks += offer.landmarks.size();
+      EXPECT_EQ(offer.view >> 8, 2u);
+    }
+  }
+  // At the end nothing is offered any more, and nothing is missing.
+  Flush("a");
+  EXPECT_EQ(Flush("b"), 1u);
+  ASSERT_EQ(does_not->count(), 1u);
+  EXPECT_TRUE(does_not->WaitForCorrection(0).offers.empty());
 }
 
 TEST_F(CorrectionDispatcherTest, SlowAgentGetsTheNewestStateOnce) {

@@ -63,7 +63,9 @@ TEST(MapBuilder, WrongLensIsFoundAndKept) {
   MapBuilderOptions held;
   held.aligner.adjuster.min_lens_keyframes = 0;
   const auto without = MakeBuilder(held);
-  const auto builder = MakeBuilder();
+  MapBuilderOptions doubting;
+  doubting.aligner.adjuster.trust_distortion = false;
+  const auto builder = MakeBuilder(doubting);
   IntegrateMission(mission, 0, 99, true, without.get());
   IntegrateMission(mission, 0, 99, true, builder.get());
   const auto snapshot = builder->snapshot();
@@ -75,6 +77,15 @@ TEST(MapBuilder, WrongLensIsFoundAndKept) {
   for (const auto& state : snapshot->submaps) {
     EXPECT_LT((*state->camera->Project(ray) - corner).norm(), 1);
   }
+}
+
+TEST(MapBuilder, CalibrationWithDistortionIsBelieved) {
+  SyntheticMission mission = MakeSyntheticMission({});
+  mission.camera =
+      std::make_shared<const CameraModel>(mission.camera->WithRadial({0.01, 0}).value());
+  const auto builder = MakeBuilder();
+  IntegrateMission(mission, 0, 99, true, builder.get());
+  EXPECT_EQ(builder->snapshot()->submaps.back()->camera, mission.camera);
 }
 
 TEST(MapBuilder, LensOfTheSessionIsKnownToANewSubmapOfAContinuedMap) {
