@@ -139,6 +139,7 @@ void MapAligner::Join(const std::vector<Closure>& agreeing) {
   const ComponentId in_b = b.component;
   stale_.erase(std::max(in_a, in_b));
   georeferences_.erase(std::max(in_a, in_b));
+  CancelRelaxation(std::max(in_a, in_b));
   const std::vector<SubmapId> moved = model_.SubmapsOf(std::max(in_a, in_b));
   if (in_a < in_b) {
     model_.MoveComponent(in_b, in_a, a_world_from_b_world);
@@ -338,6 +339,7 @@ void MapAligner::DropFailedClosures(ComponentId component) {
 
 // After closures were taken back: landmarks come apart, and so does what is no longer connected.
 void MapAligner::PartComponent(ComponentId component) {
+  CancelRelaxation(component);
   const std::vector<SubmapId> ids = model_.SubmapsOf(component);
   model_.SeparateLandmarks(ids);
   for (const Closure& closure : closures()) {
@@ -368,6 +370,7 @@ void MapAligner::MakeMetric(ComponentId component) {
   const Similarity3 metric_from_world =
       MetricFromWorld(options_.adjuster.metric, model_, model_.SubmapsOf(component));
   if (metric_from_world.scale == 1 && metric_from_world.rotation.w() == 1) return;
+  CancelRelaxation(component);
   model_.MoveComponent(component, component, metric_from_world);
   TouchComponent(component);
 }

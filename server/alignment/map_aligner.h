@@ -107,7 +107,8 @@ class MapAligner {
   void AdjustAround(SubmapId id);
 
   bool HasBackgroundWork() const {
-    return !stale_.empty() || !restless_.empty() || !strained_.empty() || !unpolished_.empty();
+    return !stale_.empty() || !restless_.empty() || !strained_.empty() || !unpolished_.empty() ||
+           relaxing_ != nullptr;
   }
   // Full adjustment of the component that waits longest, those with new closures first, or, in a
   // large component, of the region that does; then takes back closures that did not survive it.
@@ -196,8 +197,14 @@ class MapAligner {
   void AdjustRegion(const std::atomic<bool>& interrupt);
   // By the factor at which it is relaxed, in submaps or closures.
   bool HasGrown(ComponentId component) const;
-  // Removes what regions leave: moves all submaps of the component, each as a whole.
+  // Removes what regions leave: moves all submaps of the component, each as a whole. Interrupted, it
+  // goes on with the next call, whatever was added meanwhile.
   void Relax(ComponentId component, const std::atomic<bool>& interrupt);
+  void BeginRelaxation(ComponentId component);
+  // Moves the submaps as the relaxation did, and those that came since with their neighbours.
+  void TakeRelaxation();
+  // The component moves to another world or comes apart.
+  void CancelRelaxation(ComponentId component);
   void PolishLargeComponent(const std::atomic<bool>& interrupt);
   void TakeBackFailed(const std::vector<SubmapId>& region);
   void SeparateMatches(const Closure& closure);
@@ -236,6 +243,14 @@ class MapAligner {
   };
   // As they were when last relaxed.
   std::map<ComponentId, Relaxed> relaxed_;
+  // The one that was interrupted; null if none was.
+  struct Relaxing {
+    ComponentId component;
+    size_t closures = 0;                        // of the map, when it began
+    std::map<SubmapId, Similarity3> before;     // world_from_submap
+    std::unique_ptr<MapRelaxation> relaxation;
+  };
+  std::unique_ptr<Relaxing> relaxing_;
   // Large components that were relaxed since they were last adjusted as a whole.
   std::set<ComponentId> unpolished_;
   // Size of a large component when its scale and vertical were last checked.

@@ -51,6 +51,7 @@ class ResidualSums {
 }  // namespace
 
 void MapAligner::SetSurvey(std::shared_ptr<const Survey> survey) {
+  relaxing_.reset();
   std::set<AgentId> agents;
   for (const Survey* one : {survey_.get(), survey.get()}) {
     for (const ControlPoint& point : one->points) {

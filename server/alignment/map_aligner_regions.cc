@@ -1,5 +1,6 @@
 // The map aligner's work in large components: everything is bounded to a region.
 #include <algorithm>
+#include <memory>
 #include <utility>
 
 #include "common/linear_algebra/dense.h"
@@ -192,6 +193,10 @@ void MapAligner::PlaceSubmap(SubmapId id) {
 }
 
 void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
+  if (relaxing_ != nullptr) {
+    Relax(relaxing_->component, interrupt);
+    return;
+  }
   if (restless_.empty()) {
     if (strained_.empty()) {
       PolishLargeComponent(interrupt);
@@ -262,23 +267,62 @@ bool MapAligner::HasGrown(ComponentId component) const {
          has_grown(closures().size(), relaxed->second.closures);
 }
 
-void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt) {
-  const std::vector<SubmapId> ids = model_.SubmapsOf(component);
-  std::map<SubmapId, Similarity3> before;
-  for (const SubmapId id : ids) before.emplace(id, model_.submap(id).world_from_submap);
+void MapAligner::BeginRelaxation(ComponentId component) {
   PositionReferences positions;
   const bool has_positions = Georeference(component, &positions);
-  const RelaxationSummary summary =
-      RelaxSubmaps(options_.relaxation, options_.adjuster.metric, ids, &interrupt, &model_,
-                   has_positions ? &positions.terms : nullptr);
-  if (summary.iterations > 0) moved_.insert(ids.begin(), ids.end());
+  relaxing_ = std::make_unique<Relaxing>();
+  relaxing_->component = component;
+  relaxing_->closures = closures().size();
+  const std::vector<SubmapId> ids = model_.SubmapsOf(component);
+  for (const SubmapId id : ids) {
+    relaxing_->before.emplace(id, model_.submap(id).world_from_submap);
+  }
+  relaxing_->relaxation =
+      std::make_unique<MapRelaxation>(options_.relaxation, options_.adjuster.metric, ids, model_,
+                                      has_positions ? &positions.terms : nullptr);
+}
+
+void MapAligner::TakeRelaxation() {
+  std::map<SubmapId, Similarity3> moved = relaxing_->relaxation->ApplyTo(&model_);
+  std::vector<SubmapId> left;
+  for (const SubmapId id : model_.SubmapsOf(relaxing_->component)) {
+    moved_.insert(id);
+    if (!moved.contains(id)) left.push_back(id);
+  }
+  for (size_t before = 0; left.size() != before;) {
+    before = left.size();
+    std::erase_if(left, [&](SubmapId id) {
+      for (const SubmapId name : relations_.NeighbourNames(model_, id)) {
+        const auto neighbour = moved.find(name);
+        if (neighbour == moved.end()) continue;
+        const Similarity3 change = neighbour->second;
+        model_.MoveSubmap(id, change * model_.submap(id).world_from_submap);
+        moved.emplace(id, change);
+        return true;
+      }
+      return false;
+    });
+  }
+}
+
+void MapAligner::CancelRelaxation(ComponentId component) {
+  if (relaxing_ != nullptr && relaxing_->component == component) relaxing_.reset();
+}
+
+void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt) {
+  if (relaxing_ == nullptr) BeginRelaxation(component);
+  if (!relaxing_->relaxation->Run(&interrupt)) return;
+  const RelaxationSummary summary = relaxing_->relaxation->summary();
+  if (summary.iterations > 0) TakeRelaxation();
+  const std::unique_ptr<Relaxing> done = std::exchange(relaxing_, nullptr);
+  component = done->component;
+  const std::map<SubmapId, Similarity3>& before = done->before;
   ReportErrors(component);
-  if (summary.interrupted) return;
   strained_.erase(component);
-  for (const SubmapId id : ids) visits_.erase(id);
-  const Relaxed now{ids.size(), closures().size(), summary.final_cost};
+  for (const auto& [id, pose] : before) visits_.erase(id);
+  const Relaxed now{before.size(), done->closures, summary.final_cost};
   const Relaxed last = std::exchange(relaxed_[component], now);
-  if (ids.size() <= static_cast<size_t>(options_.polished_component_submaps)) {
+  if (model_.SizeOf(component) <= static_cast<size_t>(options_.polished_component_submaps)) {
     unpolished_.insert(component);
   }
   // The regions' inliers differ from those here: of the same map, only what this and the regions
@@ -287,8 +331,8 @@ void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt
   const bool is_same = last.submaps == now.submaps && last.closures == now.closures;
   if (now.cost > enough * (is_same ? last.cost : summary.initial_cost)) return;
   // What bent between neighbours is for the regions to adjust.
-  for (const SubmapId id : ids) {
-    const Similarity3 change = model_.submap(id).world_from_submap * before.at(id).Inverse();
+  for (const auto& [id, pose] : before) {
+    const Similarity3 change = model_.submap(id).world_from_submap * pose.Inverse();
     for (const SubmapId name : relations_.NeighbourNames(model_, id)) {
       const auto neighbour = before.find(name);
       if (neighbour == before.end()) continue;

@@ -12,6 +12,9 @@ Status MapThreadOptions::Validate() const {
   if (save_interval < Duration::zero()) {
     return absl::InvalidArgumentError("save_interval must not be negative");
   }
+  if (background_patience < Duration::zero()) {
+    return absl::InvalidArgumentError("background_patience must not be negative");
+  }
   return absl::OkStatus();
 }
 
@@ -143,18 +146,37 @@ std::shared_ptr<MapThread::Entry> MapThread::NextToPrepare() const {
   return nullptr;
 }
 
+void MapThread::AwaitWork(std::unique_lock<std::mutex>* lock) {
+  const bool may_interrupt = HasPrepared() && !options_.lockstep && !interrupt_;
+  if (!may_interrupt) {
+    has_entry_.wait(*lock);
+    return;
+  }
+  const auto limit = queue_.front()->prepared_at + options_.background_patience;
+  if (std::chrono::steady_clock::now() >= limit) {
+    interrupt_ = true;
+  } else {
+    has_entry_.wait_until(*lock, limit);
+  }
+}
+
 void MapThread::RunPreparations() {
   std::unique_lock lock(mutex_);
-  while (true) {
-    std::shared_ptr<Entry> entry;
-    has_entry_.wait(lock, [&] { return stop_ || (entry = NextToPrepare()) != nullptr; });
-    if (stop_) return;
+  while (!stop_) {
+    const std::shared_ptr<Entry> entry = NextToPrepare();
+    if (entry == nullptr) {
+      AwaitWork(&lock);
+      continue;
+    }
     lock.unlock();
     std::shared_ptr<const PreparedSubmap> prepared = engine_->Prepare(entry->input);
     lock.lock();
     entry->input.prepared = std::move(prepared);
     entry->is_prepared = true;
-    if (!options_.lockstep) interrupt_ = true;
+    entry->prepared_at = std::chrono::steady_clock::now();
+    const bool is_late =
+        entry->prepared_at >= queue_.front()->prepared_at + options_.background_patience;
+    if (HasPrepared() && is_late && !options_.lockstep) interrupt_ = true;
     wake_.notify_one();
   }
 }

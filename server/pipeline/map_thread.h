@@ -4,6 +4,7 @@
 #define PORTOLAN_SERVER_PIPELINE_MAP_THREAD_H_
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
@@ -28,6 +29,9 @@ struct MapThreadOptions {
   // While submaps keep coming the map is saved this often; what was not saved is integrated again
   // after a crash. A save of a large solve takes a second and holds up commits.
   Duration save_interval = std::chrono::seconds(5);
+  // How long a submap that is ready may wait for background work. Interrupted at once, background
+  // work would get nothing done between the submaps of a hundred agents.
+  Duration background_patience = std::chrono::milliseconds(200);
   // Background work is completed and the map saved after every single submap, so that the result
   // depends on the order of submaps only, not on time, and survives a crash to the bit.
   bool lockstep = false;
@@ -76,12 +80,16 @@ class MapThread {
   struct Entry {
     SubmapInput input;
     bool is_prepared = false;
+    std::chrono::steady_clock::time_point prepared_at = {};
   };
 
   void Run();
   // Prepares what waits in the queue, in its order.
   void RunPreparations();
   std::shared_ptr<Entry> NextToPrepare() const;
+  // Interrupts background work for which the oldest submap has waited long enough; otherwise waits
+  // for that time, or for something to prepare.
+  void AwaitWork(std::unique_lock<std::mutex>* lock);
   // True if the map thread may integrate the oldest submap.
   bool HasPrepared() const { return !queue_.empty() && queue_.front()->is_prepared; }
   void Integrate(const SubmapInput& input);

@@ -60,13 +60,6 @@ class SubmapRefiner {
   SubmapRefinerOptions options_;
 };
 
-// Which of a refined submap's raw observations agree with it: for keyframe k and observation i of
-// it, result[k][i]. Observations of tracks without a landmark do not.
-std::vector<std::vector<bool>> AgreeingObservations(const RefinedSubmap& submap, double max_chi2);
-
-// The landmark of a track; null if it has none.
-const RefinedLandmark* FindLandmark(const RefinedSubmap& submap, TrackId track);
-
 }  // namespace portolan
 
 #endif  // PORTOLAN_SERVER_REFINEMENT_SUBMAP_REFINER_H_
