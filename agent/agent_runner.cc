@@ -113,8 +113,7 @@ AgentRunner::AgentRunner(const RunnerOptions& options, const AgentOptions& agent
       budget_(options.budget) {
   summary_.agent = options.agent;
   const RevisitOptions& revisit = agent_options.revisit;
-  offered_bytes_per_second_ =
-      revisit.enabled ? static_cast<uint32_t>(revisit.offered_bytes_per_second) : 0;
+  offered_bytes_per_second_ = revisit.enabled ? revisit.offered_bytes_per_second : 0;
 }
 
 Status AgentRunner::OpenUplink(const UplinkOptions& uplink, const OutboxOptions& outbox,
@@ -124,7 +123,6 @@ Status AgentRunner::OpenUplink(const UplinkOptions& uplink, const OutboxOptions&
   hello.session = session;
   hello.camera = source_->calibration().intrinsics;
   hello.software_version = kSoftwareVersion;
-  hello.offered_bytes_per_second = offered_bytes_per_second_;
   PORTOLAN_ASSIGN_OR_RETURN(auto box, Outbox::Create(options_.outbox, hello, outbox));
   if (options_.server == "none") {
     offline_outbox_ = std::move(box);
@@ -132,6 +130,7 @@ Status AgentRunner::OpenUplink(const UplinkOptions& uplink, const OutboxOptions&
   }
   UplinkOptions with_server = uplink;
   with_server.server_address = options_.server;
+  with_server.protocol.offered_bytes_per_second = offered_bytes_per_second_;
   PORTOLAN_ASSIGN_OR_RETURN(
       uplink_, UplinkSession::Create(with_server, std::move(box), session.value(),
                                      [this](const MapCorrection& correction) {

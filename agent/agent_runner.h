@@ -80,7 +80,7 @@ class AgentRunner {
   PoseCorrector corrector_;
   LiveLocalizer localizer_;
   SubmapBudget budget_;
-  uint32_t offered_bytes_per_second_ = 0;
+  int offered_bytes_per_second_ = 0;
   RunRecorder recorder_;
   RunSummary summary_;
   std::unique_ptr<Outbox> offline_outbox_;  // without a server

@@ -14,7 +14,8 @@
 namespace portolan {
 
 struct LandmarkMatcherOptions {
-  // Landmarks of the newest own submaps are left out, so many: the window holds them itself.
+  // Landmarks of the newest own submaps are left out, so many with the open one: the window holds
+  // them itself.
   int newest_submaps_left_out = 2;
   // Radius of the search about the predicted place, share of the image's width.
   double search_radius_share = 0.05;

@@ -121,7 +121,7 @@ class Tracker::Impl {
   std::vector<TrackId> Detect();
   void Drop(std::span<const TrackId> tracks);
   std::vector<TrackId> Reacquire(std::span<const SearchRegion> lost);
-  std::vector<Feature> Describe(bool with_corners) const;
+  std::vector<Feature> Describe(bool complete) const;
   const std::vector<TrackedPoint>& points() const { return points_; }
   const CameraModel& camera() const { return camera_; }
 
@@ -328,12 +328,15 @@ std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost
   return revived;
 }
 
-std::vector<Feature> Tracker::Impl::Describe(bool with_corners) const {
+std::vector<Feature> Tracker::Impl::Describe(bool complete) const {
   if (current_.empty()) return {};
   std::vector<Eigen::Vector2d> pixels;
   for (const TrackedPoint& point : points_) pixels.push_back(point.pixel);
   FeatureExtractorOptions options = options_.features;
-  if (!with_corners) options.max_extra_corners = 0;
+  if (!complete) {
+    options.max_extra_corners = 0;
+    options.half_octaves = std::min(options.half_octaves, 1);
+  }
   const auto described = ExtractFeatures(current_.image(), pixels, options);
   if (!described.ok()) return {};
   std::vector<Feature> features;
@@ -404,8 +407,8 @@ std::vector<TrackId> Tracker::Reacquire(std::span<const SearchRegion> lost) {
   return impl_->Reacquire(lost);
 }
 const std::vector<TrackedPoint>& Tracker::points() const { return impl_->points(); }
-std::vector<Feature> Tracker::Describe(bool with_corners) const {
-  return impl_->Describe(with_corners);
+std::vector<Feature> Tracker::Describe(bool complete) const {
+  return impl_->Describe(complete);
 }
 
 }  // namespace portolan

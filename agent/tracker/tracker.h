@@ -113,8 +113,9 @@ class Tracker {
   // Live tracks, ascending id.
   const std::vector<TrackedPoint>& points() const;
 
-  // Descriptors of all live tracks and, if wanted, of further corners of the current image.
-  std::vector<Feature> Describe(bool with_corners = true) const;
+  // Descriptors of all live tracks and of further corners of the current image, as the server gets
+  // them; or, which is cheaper, of the tracks alone and at full size only.
+  std::vector<Feature> Describe(bool complete = true) const;
 
  private:
   class Impl;

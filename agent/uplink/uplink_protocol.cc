@@ -32,6 +32,9 @@ Status UplinkProtocolOptions::Validate() const {
   if (live_pose_interval < Duration::zero()) {
     return absl::InvalidArgumentError("uplink.live_pose_interval: negative");
   }
+  if (offered_bytes_per_second < 0) {
+    return absl::InvalidArgumentError("uplink.offered_bytes_per_second: negative");
+  }
   if (max_invalid_ends < 1) return absl::InvalidArgumentError("uplink.max_invalid_ends: below 1");
   return absl::OkStatus();
 }
@@ -52,6 +55,7 @@ v1::AgentMessage UplinkProtocol::StartStream() {
   ++stats_.streams;
   SessionHello hello = outbox_->hello();
   hello.received_map_version = stats_.received_map_version;
+  hello.offered_bytes_per_second = static_cast<uint32_t>(options_.offered_bytes_per_second);
   v1::AgentMessage message;
   ToProto(hello, message.mutable_hello());
   return Counted(std::move(message));

@@ -25,6 +25,8 @@ struct UplinkProtocolOptions {
   // A submap is set aside as rejected after so many streams that the server ended with
   // INVALID_ARGUMENT while it was the first one unacknowledged.
   int max_invalid_ends = 3;
+  // What the server may send of landmark offers, bytes a second.
+  int offered_bytes_per_second = 0;
 
   Status Validate() const;
 };

@@ -99,6 +99,19 @@ TEST(Agent, SameImagesGiveTheSameBytes) {
   EXPECT_TRUE(bytes == Encode(UndisturbedRun().submaps));
 }
 
+TEST(Agent, DescribesEverySecondKeyframeForTheSearchOfTheMap) {
+  int keyframes = 0;
+  for (const FrameResult& result : RunAgent(RenderedImages()).results) {
+    if (!result.is_keyframe || !result.tracked) {
+      EXPECT_TRUE(result.features.empty());
+      continue;
+    }
+    EXPECT_EQ(result.features.empty(), keyframes++ % 2 == 1);
+    for (const Feature& feature : result.features) EXPECT_TRUE(feature.track.has_value());
+  }
+  EXPECT_GT(keyframes, 10);
+}
+
 TEST(Agent, ImagesOfAnotherKindAreRefusedAndLeaveNoTrace) {
   const auto agent = MakeAgent();
   const auto& images = RenderedImages();

@@ -158,6 +158,12 @@ TEST_F(UplinkProtocolTest, DropsInvalidLivePoses) {
   EXPECT_EQ(protocol_.Next(now_), std::nullopt);
 }
 
+TEST_F(UplinkProtocolTest, AsksForOffersOnlyIfTheyAreWanted) {
+  EXPECT_EQ(protocol_.StartStream().hello().offered_bytes_per_second(), 0u);
+  UplinkProtocol wants(outbox_.get(), {.offered_bytes_per_second = 400});
+  EXPECT_EQ(wants.StartStream().hello().offered_bytes_per_second(), 400u);
+}
+
 TEST_F(UplinkProtocolTest, OffersAreHandedOnAndDamagedOnesNamed) {
   protocol_.StartStream();
   protocol_.OnMessage(Welcome(0));
