@@ -147,6 +147,7 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray,
   has_second_image_ = stereo_ && !second.empty();
   if (has_second_image_) stereo_->SetImages(gray, second);
   is_keyframe_ = begins_submap_ = found_scale_ = tracking_failed_ = false;
+  restated_.clear();
   std::optional<Submap> failed;
   if (tracking_ && health_.IsPauseTooLong(time - *last_time_)) failed = HandleFailure(time);
   last_time_ = time;
@@ -161,6 +162,7 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray,
   }
   SeekScale(time);
   builder_.AddFrame(time, filter_->submap_from_camera());
+  RestateStart();
   const bool tracked = !health_.last_frame_bad();
   if (tracked && keyframe_selector_.IsDue(time, filter_->submap_from_camera(), UsablePoints())) {
     AddKeyframe(time);
@@ -421,6 +423,7 @@ FrameResult Agent::Report(bool tracked, std::optional<Submap> closed_submap) {
   result.tracked = tracked;
   result.begins_submap = begins_submap_ || found_scale_;
   result.found_scale = found_scale_;
+  result.restated = restated_;
   result.metric = filter_->metric();
   result.tracking_failed = tracking_failed_;
   result.landmarks_measured = measured_;

@@ -102,6 +102,9 @@ struct FrameResult {
   // The scale became known with this image: from here on the submap's units are metres, which its
   // earlier poses were not given in. Counts as a beginning (begins_submap) without predecessor.
   bool found_scale = false;
+  // The submap's frames anew, those before this one too: the start became known only now. Empty in
+  // all but one or a few frames of a start.
+  std::vector<FramePose> restated;
   // Lengths are metres.
   bool metric = false;
   // Tracking failed for good, or the pause before this image was too long.
@@ -162,6 +165,8 @@ class Agent {
   int UpdateFilter();
   // Without a scale yet: tries to learn it from the IMU and goes on with it.
   void SeekScale(Timestamp time);
+  // Poses of the start that the filter has found anew go into the submap.
+  void RestateStart();
   void Remove(const LandmarkRemovals& removals);
   void Replenish(bool starting);
   void AddLandmarks(const std::vector<TrackId>& chosen, const std::vector<MeasuredDepth>& depths);
@@ -209,6 +214,7 @@ class Agent {
   bool is_keyframe_ = false;
   bool begins_submap_ = false;
   bool found_scale_ = false;
+  std::vector<FramePose> restated_;
   bool tracking_failed_ = false;
   std::optional<Timestamp> last_time_;
   int64_t keyframe_count_ = 0;  // frames that were keyframes

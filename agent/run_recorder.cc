@@ -60,6 +60,16 @@ std::string ToJson(const RunSummary& s) {
       s.received_kb_per_s(), s.pending_submaps);
 }
 
+void RunRecorder::OdometryPiece::Restate(const std::vector<FramePose>& frames) {
+  for (const FramePose& frame : frames) {
+    const auto it =
+        std::lower_bound(poses.begin(), poses.end(), frame.time,
+                         [](const auto& pose, Timestamp wanted) { return pose.time < wanted; });
+    if (it == poses.end() || it->time != frame.time) continue;
+    it->world_from_body = piece_from_submap * frame.submap_from_camera;
+  }
+}
+
 void RunRecorder::AddFrame(Timestamp time, const FrameResult& result, const PlacedPose& placed,
                            double frame_ms) {
   frame_ms_.push_back(frame_ms);
@@ -73,6 +83,7 @@ void RunRecorder::AddFrame(Timestamp time, const FrameResult& result, const Plac
       return !record.placed.in_world && record.placed.frame_submap == result.submap_sequence_number;
     });
   }
+  if (!pieces_.empty()) pieces_.back().Restate(result.restated);
   if (result.begins_submap) {
     if (result.link == LinkType::kConnected && !pieces_.empty()) {
       auto& piece = pieces_.back();

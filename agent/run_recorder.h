@@ -73,6 +73,9 @@ class RunRecorder {
   struct OdometryPiece {
     Rigid3 piece_from_submap;
     Trajectory poses;
+
+    // Poses of frames of the present submap that have become known better.
+    void Restate(const std::vector<FramePose>& frames);
   };
 
   std::vector<double> frame_ms_;

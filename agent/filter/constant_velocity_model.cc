@@ -72,6 +72,22 @@ void ConstantVelocityModel::CorrectRest(const Eigen::Ref<const Eigen::VectorXd>&
   angular_velocity_ += error.segment<3>(kAngular);
 }
 
+std::unique_ptr<MotionModel> ConstantVelocityModel::Clone() const {
+  return std::make_unique<ConstantVelocityModel>(*this);
+}
+
+void ConstantVelocityModel::AddVelocity(const Eigen::Vector3d& linear,
+                                        const Eigen::Vector3d& angular) {
+  linear_velocity_ += linear;
+  angular_velocity_ += angular;
+}
+
+void ConstantVelocityModel::FillErrorOfRest(const MotionModel& other,
+                                            Eigen::VectorXd* error) const {
+  error->segment<3>(kLinear) = other.linear_velocity() - linear_velocity_;
+  error->segment<3>(kAngular) = other.angular_velocity_rad_s() - angular_velocity_;
+}
+
 bool ConstantVelocityModel::FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const {
   direction.segment<3>(kPosition) = -submap_from_body().translation;
   direction.segment<3>(kLinear) = -linear_velocity_;

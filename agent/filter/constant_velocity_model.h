@@ -38,8 +38,13 @@ class ConstantVelocityModel : public MotionModel {
   void CorrectRest(const Eigen::Ref<const Eigen::VectorXd>& error) override;
   bool FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const override;
   void RebaseRest(MotionMatrix* d_new_d_old) override;
+  std::unique_ptr<MotionModel> Clone() const override;
+  void AddVelocity(const Eigen::Vector3d& linear, const Eigen::Vector3d& angular) override;
   Eigen::Vector3d linear_velocity() const override { return linear_velocity_; }
   Eigen::Vector3d angular_velocity_rad_s() const override { return angular_velocity_; }
+
+ protected:
+  void FillErrorOfRest(const MotionModel& other, Eigen::VectorXd* error) const override;
 
  private:
   const ConstantVelocityOptions options_;

@@ -35,8 +35,10 @@ Status FilterOptions::Validate() const {
       Require(divergence_window_frames >= 1, "divergence_window_frames must be >= 1"));
   PORTOLAN_RETURN_IF_ERROR(Require(divergence_max_normalised_innovation > 1,
                                    "divergence_max_normalised_innovation must be > 1"));
-  return Require(divergence_min_inlier_ratio >= 0 && divergence_min_inlier_ratio <= 1,
-                 "divergence_min_inlier_ratio must be 0..1");
+  PORTOLAN_RETURN_IF_ERROR(
+      Require(divergence_min_inlier_ratio >= 0 && divergence_min_inlier_ratio <= 1,
+              "divergence_min_inlier_ratio must be 0..1"));
+  return start.Validate();
 }
 
 }  // namespace portolan

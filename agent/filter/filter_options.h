@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "agent/filter/kalman_update.h"
+#include "agent/filter/start_smoother.h"
 #include "common/base/status.h"
 
 namespace portolan {
@@ -81,6 +82,7 @@ struct FilterOptions {
   // times the pixel noise (variance, median of the matches), the update is searched from several
   // starts instead: the first frames of a fast camera.
   double explore_variance = 9.0;
+  StartSmootherOptions start;
   KalmanUpdateOptions kalman;
   // Error of the camera model (calibration, rolling shutter) that every match has on top of its
   // own sigma.

@@ -321,6 +321,24 @@ void FilterState::FixScale(const Eigen::RowVectorXd& d_log) {
   Symmetrise(p);
 }
 
+void FilterState::Restate(const Eigen::VectorXd& motion_error, const RayEstimates& rays) {
+  passive_blocks_ = 0;
+  motion_->Correct(motion_error);
+  landmarks_ = rays.landmarks;
+  anchors_ = rays.anchors;
+  owners_.assign((rays.covariance.rows() - motion_dim_) / 3, {true, 0});
+  for (size_t i = 0; i < landmarks_.size(); ++i) {
+    landmarks_[i].block = static_cast<int>(i);
+    owners_[i] = {false, static_cast<int>(i)};
+    ++anchors_[landmarks_[i].anchor].users;
+  }
+  for (size_t i = 0; i < anchors_.size(); ++i) {
+    if (anchors_[i].block != kFixed) owners_[anchors_[i].block].index = static_cast<int>(i);
+  }
+  covariance() = rays.covariance;
+  Symmetrise(covariance());
+}
+
 void FilterState::ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change) {
   Expand();
   const int old_dim = motion_dim_, new_dim = motion->error_dim(), rest = dim() - old_dim;

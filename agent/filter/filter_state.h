@@ -63,6 +63,15 @@ class FilterState {
   // does not change; nothing happens where the motion model measures lengths. d_log: 1 for a common
   // growth of all inverse lengths.
   void FixScale(const Eigen::RowVectorXd& d_log);
+  // Another estimate: the motion corrected by an error, and these rays for all landmarks. An
+  // anchor's block is kFixed or its own, after those of the landmarks in their order; the
+  // covariance has the same layout.
+  struct RayEstimates {
+    std::vector<Landmark> landmarks;
+    std::vector<Anchor> anchors;
+    Eigen::MatrixXd covariance;
+  };
+  void Restate(const Eigen::VectorXd& motion_error, const RayEstimates& rays);
   // Another motion model; landmarks and covariance are carried over in the new units.
   void ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change);
   // Another motion model with nothing carried over; to be followed by Start.

@@ -41,6 +41,7 @@ LocalFilter::LocalFilter(const FilterOptions& options, const CameraModel& camera
       camera_(camera),
       state_(std::move(motion), options.max_landmarks),
       kalman_(options.kalman, state_.max_dim(), options.max_landmarks),
+      start_(options.start),
       selector_(MakeInlierSelector(options)),
       first_inverse_depth_(options.first_inverse_depth),
       median_inverse_depth_(options.first_inverse_depth) {
@@ -56,6 +57,9 @@ void LocalFilter::Start(Timestamp time) {
   state_.Start(time, 1.0 / median_inverse_depth_);
   window_.clear();
   noise_is_fresh_ = false;
+  retry_frames_ = 0;
+  restated_poses_.clear();
+  start_.Begin(state_.motion(), state_.covariance());
 }
 
 void LocalFilter::Start(Timestamp time, std::unique_ptr<MotionModel> motion) {
@@ -69,6 +73,7 @@ void LocalFilter::TakeMetricDepths(double first_inverse_depth) {
 }
 
 void LocalFilter::ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change) {
+  start_.End();
   state_.ChangeMotion(std::move(motion), change);
   median_inverse_depth_ /= change.scale;
   noise_is_fresh_ = false;
@@ -76,7 +81,8 @@ void LocalFilter::ChangeMotion(std::unique_ptr<MotionModel> motion, const Motion
 }
 
 bool LocalFilter::Predict(Timestamp time) {
-  noise_is_fresh_ = state_.Predict(time, 1.0 / median_inverse_depth_);
+  scene_depth_of_prediction_ = 1.0 / median_inverse_depth_;
+  noise_is_fresh_ = state_.Predict(time, scene_depth_of_prediction_);
   ChoosePassive();
   return noise_is_fresh_;
 }
@@ -110,6 +116,7 @@ UpdateResult LocalFilter::Update(std::span<const Measurement> measurements) {
     (candidate.used ? result.inliers : result.outliers).push_back(candidate.track);
   }
   if (!result.inliers.empty()) result.normalised_innovation = sum / (2.0 * result.inliers.size());
+  RecordStart(&result);
   MaintainLandmarks(&result);
   UpdateMedianInverseDepth();
   ChoosePassive();
@@ -255,7 +262,8 @@ void LocalFilter::MaintainLandmarks(UpdateResult* result) {
     if (landmark.inverse_depth < -options_.negative_depth_sigmas * std::sqrt(variance)) {
       result->dropped.push_back(landmark.track);
       state_.RemoveLandmark(i);
-    } else if (LinearityIndex(landmark, state_.AnchorPosition(landmark), variance,
+    } else if (!start_.active() &&
+               LinearityIndex(landmark, state_.AnchorPosition(landmark), variance,
                               camera_position) < options_.linearity_threshold) {
       state_.ConvertToEuclidean(i);
     }
@@ -333,6 +341,8 @@ int LocalFilter::AddLandmarks(std::span<const Measurement> measurements,
     if (anchor < 0) anchor = state_.AddAnchor();
     state_.AddRay(*ray, anchor, PixelVariance(measurement), prior.sigma * prior.sigma,
                   prior.d_depth_d_state);
+    start_.AddPoint({measurement.track, measurement.pixel, PixelVariance(measurement)},
+                    prior.inverse_depth, prior.sigma);
     ++added;
   }
   return added;
@@ -351,6 +361,7 @@ void LocalFilter::RemoveLandmarks(std::span<const TrackId> tracks) {
 }
 
 Rigid3 LocalFilter::BeginSubmap() {
+  start_.End();
   noise_is_fresh_ = false;
   const Rigid3 old_from_new = state_.Rebase();
   FixScale();

@@ -6,6 +6,7 @@
 #include <deque>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "agent/filter/filter_options.h"
@@ -13,6 +14,7 @@
 #include "agent/filter/inlier_selector.h"
 #include "agent/filter/kalman_update.h"
 #include "agent/filter/measurement.h"
+#include "agent/filter/start_smoother.h"
 
 namespace portolan {
 
@@ -35,6 +37,11 @@ class LocalFilter {
   void Start(Timestamp time);
   // The same with another motion model.
   void Start(Timestamp time, std::unique_ptr<MotionModel> motion);
+  // After an update that ended the start, or a part of it: the start's poses anew, from its first
+  // frame to this one, not all in between (StartSmoother). Empty otherwise; taken once.
+  std::vector<std::pair<Timestamp, Rigid3>> TakeRestatedPoses() {
+    return std::exchange(restated_poses_, {});
+  }
   // From now on measured depths are metric, of a sensor, and so is the filter, whatever the motion
   // model. A start then takes the scene to be this far, 1/m.
   void TakeMetricDepths(double first_inverse_depth);
@@ -115,6 +122,10 @@ class LocalFilter {
   double UpdateWithUsed(int first, const Eigen::VectorXd* start = nullptr);
   // Drops impossible depths and converts the rays whose depth has become linear.
   void MaintainLandmarks(UpdateResult* result);
+  // Keeps the frame for the smoothed start, and ends it when it is due.
+  void RecordStart(UpdateResult* result);
+  bool SolveStart(UpdateResult* result);
+  bool DepthsAreKnown() const;
   // Where new landmarks start; see FilterOptions.
   struct DepthPrior {
     double inverse_depth = 0;
@@ -141,6 +152,7 @@ class LocalFilter {
   const CameraModel camera_;
   FilterState state_;
   KalmanUpdate kalman_;
+  StartSmoother start_;
   std::unique_ptr<InlierSelector> selector_;
   std::vector<Candidate> candidates_;
   std::vector<Match> matches_;
@@ -151,6 +163,9 @@ class LocalFilter {
   std::deque<FrameStatistics> window_;
   double first_inverse_depth_;
   double median_inverse_depth_;
+  double scene_depth_of_prediction_ = 1;
+  int retry_frames_ = 0;
+  std::vector<std::pair<Timestamp, Rigid3>> restated_poses_;
   bool metric_depths_ = false;
   bool noise_is_fresh_ = false;
 };

@@ -23,6 +23,15 @@ Matrix6d MotionModel::DCameraDPose() const {
   return jacobian;
 }
 
+Eigen::VectorXd MotionModel::ErrorOf(const MotionModel& other) const {
+  Eigen::VectorXd error = Eigen::VectorXd::Zero(error_dim());
+  error.head<3>() = other.submap_from_body_.translation - submap_from_body_.translation;
+  error.segment<3>(3) =
+      RotationLog(submap_from_body_.rotation.conjugate() * other.submap_from_body_.rotation);
+  FillErrorOfRest(other, &error);
+  return error;
+}
+
 void MotionModel::Correct(const Eigen::Ref<const Eigen::VectorXd>& error) {
   submap_from_body_.translation += error.head<3>();
   submap_from_body_.rotation =

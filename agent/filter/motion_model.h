@@ -3,6 +3,7 @@
 #define PORTOLAN_AGENT_FILTER_MOTION_MODEL_H_
 
 #include <Eigen/Core>
+#include <memory>
 #include <optional>
 
 #include "agent/image_source/samples.h"
@@ -43,6 +44,14 @@ class MotionModel {
   // Jacobian of the new error by the old below the pose (the pose's rows are zero).
   virtual void RebaseRest(MotionMatrix* d_new_d_old) = 0;
 
+  // A copy, for a smoother that keeps the states of several frames. Null if the model cannot be
+  // smoothed.
+  virtual std::unique_ptr<MotionModel> Clone() const { return nullptr; }
+  // Adds to the velocities, in the frames of the accessors below. Only of models that Clone.
+  virtual void AddVelocity(const Eigen::Vector3d&, const Eigen::Vector3d&) {}
+  // The error e such that `other` is this one corrected by e. Only of models that Clone.
+  Eigen::VectorXd ErrorOf(const MotionModel& other) const;
+
   // Fills the derivative of the motion errors by the logarithm of all inverse lengths. False, and
   // nothing filled, if the model's sensor measures lengths, so that the scale is not free.
   virtual bool FillScaleDirection(Eigen::Ref<Eigen::VectorXd>) const { return false; }
@@ -70,6 +79,8 @@ class MotionModel {
   Rigid3 Rebase(MotionMatrix* d_new_d_old);
 
  protected:
+  // ErrorOf below the pose.
+  virtual void FillErrorOfRest(const MotionModel&, Eigen::VectorXd*) const {}
   void ResetPose(Timestamp time);
   void SetPose(Timestamp time, const Rigid3& submap_from_body);
 

@@ -48,6 +48,10 @@ class KeyframeSelector {
   // The frame is or becomes the last keyframe. submap_from_camera only removes the rotation.
   void SetKeyframe(Timestamp time, const Rigid3& submap_from_camera,
                    const std::vector<TrackedPoint>& points);
+  // The last keyframe's pose has become known better.
+  void MoveKeyframe(const Rigid3& submap_from_camera) {
+    submap_from_keyframe_ = submap_from_camera;
+  }
 
   bool IsDue(Timestamp time, const Rigid3& submap_from_camera,
              const std::vector<TrackedPoint>& points) const;

@@ -87,6 +87,44 @@ void SubmapBuilder::Rescale(double scale) {
   }
 }
 
+void SubmapBuilder::Restate(const std::vector<FramePose>& poses) {
+  const std::vector<FramePose> before = submap_.frames;
+  const auto old_pose = [&before](Timestamp time) {
+    const auto it = std::lower_bound(
+        before.begin(), before.end(), time,
+        [](const FramePose& frame, Timestamp wanted) { return frame.time < wanted; });
+    return it == before.end() ? before.back().submap_from_camera : it->submap_from_camera;
+  };
+  const auto move = [&](Timestamp time, Rigid3* pose) {
+    const auto next = std::lower_bound(
+        poses.begin(), poses.end(), time,
+        [](const FramePose& frame, Timestamp wanted) { return frame.time < wanted; });
+    if (next == poses.end()) return;
+    if (next->time == time || next == poses.begin()) {
+      *pose = next->submap_from_camera;
+      return;
+    }
+    // In between the way is straight; the turn since the frame before is as it was seen.
+    const FramePose& last = *std::prev(next);
+    const double share = ToSeconds(time - last.time) / ToSeconds(next->time - last.time);
+    const Eigen::Quaterniond turn = old_pose(last.time).rotation.conjugate() * pose->rotation;
+    pose->rotation = (last.submap_from_camera.rotation * turn).normalized();
+    pose->translation = (1 - share) * last.submap_from_camera.translation +
+                        share * next->submap_from_camera.translation;
+  };
+  for (FramePose& frame : submap_.frames) move(frame.time, &frame.submap_from_camera);
+  distance_ = rotation_rad_ = 0;
+  for (size_t i = 0; i < submap_.keyframes.size(); ++i) {
+    Keyframe& keyframe = submap_.keyframes[i];
+    move(keyframe.time, &keyframe.submap_from_camera);
+    if (i == 0) continue;
+    const Rigid3 step =
+        submap_.keyframes[i - 1].submap_from_camera.Inverse() * keyframe.submap_from_camera;
+    distance_ += step.translation.norm();
+    rotation_rad_ += RotationLog(step.rotation).norm();
+  }
+}
+
 Submap SubmapBuilder::Close(const std::vector<LandmarkEstimate>& landmarks) {
   std::unordered_set<TrackId> observed;
   for (const Keyframe& keyframe : submap_.keyframes) {

@@ -54,6 +54,10 @@ class SubmapBuilder {
   // The unit of length has changed: one old unit is `scale` new ones.
   void Rescale(double scale);
 
+  // Poses of some of its frames have become known better: they and all frames and keyframes up to
+  // the last of them are moved. Ascending.
+  void Restate(const std::vector<FramePose>& poses);
+
   // Ends the submap with the landmarks of the filter that its keyframes observed.
   Submap Close(const std::vector<LandmarkEstimate>& landmarks);
 

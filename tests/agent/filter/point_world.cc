@@ -116,7 +116,7 @@ UpdateResult PointWorld::Step(LocalFilter* filter) {
 }
 
 std::vector<Measurement> PointWorld::Measure(const LocalFilter& filter) {
-  std::normal_distribution<double> noise(0, options_.pixel_sigma);
+  std::normal_distribution<double> noise(0, true_sigma_px());
   std::uniform_real_distribution<double> uniform(0, 1);
   const Rigid3 camera_from_world = world_from_camera().Inverse();
   std::vector<Measurement> measurements;
@@ -161,7 +161,7 @@ void PointWorld::Replenish(LocalFilter* filter) {
     const TrackId track(next_track_++);
     points_in_world_[track] = pose * Eigen::Vector3d(*bearing / inverse_depth);
     const Eigen::Vector2d noise(normal(random_), normal(random_));
-    added.push_back({track, pixel + options_.pixel_sigma * noise, options_.pixel_sigma});
+    added.push_back({track, pixel + true_sigma_px() * noise, options_.pixel_sigma});
   }
   filter->AddLandmarks(added);
 }

@@ -2,6 +2,7 @@
 #ifndef PORTOLAN_TESTS_AGENT_FILTER_POINT_WORLD_H_
 #define PORTOLAN_TESTS_AGENT_FILTER_POINT_WORLD_H_
 
+#include <cmath>
 #include <functional>
 #include <map>
 #include <random>
@@ -18,6 +19,8 @@ CameraModel MakeTestFisheye();  // 320 x 240, about 100 degrees
 struct PointWorldOptions {
   double rate_hz = 30;
   double pixel_sigma = 1.0;
+  // Error of the camera model, as white noise on top, which the measurements do not tell of.
+  double model_sigma_px = 0.0;
   // Share of the matches that are replaced by a uniformly drawn pixel.
   double outlier_share = 0;
   // Landmarks kept in the filter.
@@ -66,6 +69,7 @@ class PointWorld {
 
  private:
   double MedianTrueInverseDepth(const LocalFilter& filter) const;
+  double true_sigma_px() const { return std::hypot(options_.pixel_sigma, options_.model_sigma_px); }
   Rigid3 world_from_camera() const { return trajectory_(time_s()); }
 
   const PointWorldOptions options_;
