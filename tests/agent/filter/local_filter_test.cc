@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -26,13 +27,20 @@ struct Accuracy {
 Accuracy Follow(PointWorld* world, LocalFilter* filter, int frames) {
   Accuracy run;
   std::vector<Eigen::Vector3d> estimated, truth;
+  std::vector<Timestamp> times;
   world->Start(filter);
   for (int i = 0; i < frames; ++i) {
     const UpdateResult result = world->Step(filter);
     for (TrackId track : result.inliers) run.wrong_inliers += world->is_outlier(track);
     for (TrackId track : result.outliers) run.missed_inliers += !world->is_outlier(track);
     run.inliers += static_cast<int>(result.inliers.size());
+    times.push_back(world->time());
     estimated.push_back(filter->submap_from_camera().translation);
+    // A start that was smoothed tells its frames anew.
+    for (const auto& [time, pose] : filter->TakeRestatedPoses()) {
+      const auto at = std::find(times.begin(), times.end(), time);
+      if (at != times.end()) estimated[at - times.begin()] = pose.translation;
+    }
     truth.push_back(world->true_submap_from_camera().translation);
   }
   double numerator = 0, denominator = 0, square = 0;
