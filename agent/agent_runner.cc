@@ -222,7 +222,8 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
   const PlacedPose placed =
       localizer_.Localize({frame.time, sequence_number, result->begins_submap,
                            PredecessorOf(*result), result->submap_from_camera, result->tracked,
-                           result->is_keyframe, result->sights, result->features},
+                           result->is_keyframe, result->restated, result->sights,
+                           result->features},
                           &corrector_);
   recorder_.AddFrame(frame.time, *result, placed, MillisecondsSince(start));
   if (uplink_ && result->tracked) {

@@ -41,6 +41,7 @@ void PoseCorrector::CloseSubmap(const Submap& submap) {
 Status PoseCorrector::Apply(const MapCorrection& correction) {
   std::unique_lock lock(mutex_);
   Status status;
+  if (!correction.submaps.empty()) ++revision_;
   for (const SubmapPlacement& placement : correction.submaps) {
     const Status one = ApplyOne(placement, correction.map_version);
     if (!one.ok()) status = one;
@@ -74,6 +75,7 @@ Status PoseCorrector::ApplyOne(const SubmapPlacement& placement, uint64_t map_ve
   if (map_version < record.placement_version) return absl::OkStatus();
   record.placement = placement;
   record.placement_version = map_version;
+  record.placement_revision = revision_;
   record.correction = {placement.world_from_submap, {}};
   for (size_t i = 0; i < adjusted.size(); ++i) {
     record.correction.keyframes.push_back({record.keyframes[i].time,
@@ -171,11 +173,11 @@ std::optional<CorrectedSubmap> PoseCorrector::NewestPlaced(uint32_t sequence_num
   }
 }
 
-std::vector<CorrectedSubmap> PoseCorrector::PlacedSince(uint64_t map_version) const {
+std::vector<CorrectedSubmap> PoseCorrector::PlacedSince(uint64_t revision) const {
   std::unique_lock lock(mutex_);
   std::vector<CorrectedSubmap> placed;
   for (const auto& [sequence_number, record] : submaps_) {
-    if (!record.placement || record.placement_version <= map_version ||
+    if (!record.placement || record.placement_revision <= revision ||
         record.correction.keyframes.empty()) {
       continue;
     }
@@ -202,6 +204,11 @@ std::vector<PlacedFrame> PoseCorrector::Trajectory() const {
     }
   }
   return trajectory;
+}
+
+uint64_t PoseCorrector::revision() const {
+  std::unique_lock lock(mutex_);
+  return revision_;
 }
 
 uint64_t PoseCorrector::map_version() const {

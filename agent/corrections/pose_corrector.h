@@ -74,13 +74,15 @@ class PoseCorrector {
   // included.
   std::optional<CorrectedSubmap> NewestPlaced(uint32_t sequence_number) const;
 
-  // The submaps with adjusted keyframes that were placed by a later version.
-  std::vector<CorrectedSubmap> PlacedSince(uint64_t map_version) const;
+  // The submaps with adjusted keyframes whose placement came after this revision().
+  std::vector<CorrectedSubmap> PlacedSince(uint64_t revision) const;
 
   // All frames of the closed submaps in ascending time, each once. A submap without correction
   // is placed over connected links by its nearest older, else its nearest younger neighbour.
   std::vector<PlacedFrame> Trajectory() const;
 
+  // Counts the corrections that placed submaps; a map version may come in several. 0: none yet.
+  uint64_t revision() const;
   // Newest map version that was applied; 0 if none.
   uint64_t map_version() const;
 
@@ -93,6 +95,7 @@ class PoseCorrector {
     std::optional<SubmapPlacement> placement;
     SubmapCorrection correction;  // of placement
     uint64_t placement_version = 0;
+    uint64_t placement_revision = 0;
   };
   // A submap's frame in the world, or in the odometry frame.
   struct Frame {
@@ -114,6 +117,7 @@ class PoseCorrector {
   mutable std::mutex mutex_;
   std::map<uint32_t, SubmapRecord> submaps_ ABSL_GUARDED_BY(mutex_);
   uint64_t map_version_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t revision_ ABSL_GUARDED_BY(mutex_) = 0;
   std::vector<LandmarkOffer> offers_ ABSL_GUARDED_BY(mutex_);
 };
 

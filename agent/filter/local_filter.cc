@@ -341,8 +341,14 @@ int LocalFilter::AddLandmarks(std::span<const Measurement> measurements,
     if (anchor < 0) anchor = state_.AddAnchor();
     state_.AddRay(*ray, anchor, PixelVariance(measurement), prior.sigma * prior.sigma,
                   prior.d_depth_d_state);
+    // The smoother has the measurements that a depth from the filter's own state comes from, so for
+    // it that depth is a first guess.
+    const double sigma_of_guess =
+        prior.d_depth_d_state.size() == 0
+            ? prior.sigma
+            : std::max(prior.sigma, options_.inverse_depth_sigma_ratio * prior.inverse_depth);
     start_.AddPoint({measurement.track, measurement.pixel, PixelVariance(measurement)},
-                    prior.inverse_depth, prior.sigma);
+                    prior.inverse_depth, sigma_of_guess);
     ++added;
   }
   return added;

@@ -49,7 +49,7 @@ void StartSmoother::Begin(const MotionModel& motion, const Eigen::MatrixXd& cova
   start_information_ = Eigen::MatrixXd::Identity(rest, rest);
   Eigen::MatrixXd p = covariance.bottomRightCorner(rest, rest);
   if (!SolvePositiveDefinite(p, start_information_)) return;
-  frames_.push_back({motion.time(), std::move(copy), 1});
+  frames_.push_back({motion.time(), std::move(copy), 1, 1});
 }
 
 void StartSmoother::End() {
@@ -57,6 +57,7 @@ void StartSmoother::End() {
   points_.clear();
   stride_ = 1;
   skipped_ = thinnings_ = 0;
+  noise_factor_ = 1;
 }
 
 void StartSmoother::AddPoint(const Observation& first, double inverse_depth, double depth_sigma) {
@@ -75,12 +76,14 @@ int StartSmoother::NewestPoint(TrackId track) const {
   return number;
 }
 
-bool StartSmoother::AddFrame(const MotionModel& motion, double scene_depth,
+bool StartSmoother::AddFrame(const MotionModel& motion, const Step& step,
                              std::span<const Observation> observations) {
   if (!active()) return false;
+  noise_factor_ = std::max(noise_factor_, step.noise_factor);
   skipped_ = (skipped_ + 1) % stride_;
   if (skipped_ > 0) return false;
-  frames_.push_back({motion.time(), motion.Clone(), scene_depth});
+  frames_.push_back(
+      {motion.time(), motion.Clone(), step.scene_depth, std::exchange(noise_factor_, 1.0)});
   for (const Observation& observation : observations) {
     const int number = NewestPoint(observation.track);
     if (number < 0) continue;
@@ -93,7 +96,11 @@ bool StartSmoother::ThinOut() {
   if (thinnings_ >= options_.max_thinnings || frames() % 2 != 0) return false;
   ++thinnings_;
   stride_ *= 2;
-  for (int k = 1; 2 * k <= frames(); ++k) std::swap(frames_[k], frames_[2 * k]);
+  for (int k = 1; 2 * k <= frames(); ++k) {
+    const double left_out = frames_[2 * k - 1].noise_factor;
+    std::swap(frames_[k], frames_[2 * k]);
+    frames_[k].noise_factor = std::max(frames_[k].noise_factor, left_out);
+  }
   frames_.resize(frames() / 2 + 1);
   for (Point& point : points_) {
     std::erase_if(point.sights, [](const Sight& sight) { return sight.frame % 2 != 0; });
@@ -185,7 +192,9 @@ void StartSmoother::AddMotionTerms(const Estimate& estimate, System* system) con
     predicted->Predict(frames_[k].time, frames_[k].scene_depth, &transition, &noise);
     const Eigen::VectorXd error = predicted->ErrorOf(*estimate.motions[k]);
     Eigen::MatrixXd information = Eigen::MatrixXd::Identity(n, n);
-    if (!SolvePositiveDefinite(Eigen::MatrixXd(noise), information)) continue;
+    if (!SolvePositiveDefinite(Eigen::MatrixXd(frames_[k].noise_factor * noise), information)) {
+      continue;
+    }
     // error = new (-) f(old): by the new one about one, by the old one minus the transition.
     Eigen::MatrixXd by_old = -transition, by_new = Eigen::MatrixXd::Identity(n, n);
     by_new.block<3, 3>(3, 3) = RotationRightJacobianInverse(error.segment<3>(3));
@@ -272,7 +281,7 @@ void StartSmoother::Build(const CameraModel& camera, const Estimate& estimate, b
   for (int i = 0; i < n; ++i) AddSights(camera, estimate, i, robust, system);
 }
 
-bool StartSmoother::Step(double damping, System* system, Estimate* estimate) const {
+bool StartSmoother::TakeStep(double damping, System* system, Estimate* estimate) const {
   const std::vector<Eigen::Matrix3d> inverses = Eliminate(damping, system);
   Eigen::VectorXd step = system->gradient - system->by_points * system->point_gradient;
   if (!FactorCholesky(system->reduced)) return false;
@@ -299,7 +308,7 @@ std::optional<double> StartSmoother::Minimise(const CameraModel& camera, int ite
   for (int i = 0; i < iterations && damping < 1e3; ++i) {
     Estimate moved = Copy(*estimate);
     next.cost = std::numeric_limits<double>::infinity();
-    if (Step(damping, &system, &moved)) Build(camera, moved, robust, &next);
+    if (TakeStep(damping, &system, &moved)) Build(camera, moved, robust, &next);
     if (!(next.cost < system.cost)) {
       damping *= 10;
       continue;
@@ -319,19 +328,26 @@ void StartSmoother::MarkInliers(const CameraModel& camera, const Estimate& estim
     const Landmark& landmark = estimate.landmarks[i];
     const Eigen::Vector3d anchor =
         estimate.motions[landmark.anchor]->submap_from_camera().translation;
+    bool any = false;
     for (Sight& sight : points_[i].sights) {
       const auto pixel = ProjectLandmark(
           landmark, anchor, estimate.motions[sight.frame]->submap_from_camera(), camera);
       sight.inlier = pixel && (*pixel - sight.pixel).squaredNorm() <
                                   options_.max_residual_chi2 * sight.variance;
+      any |= sight.inlier;
     }
+    // Without any its direction would be free, and the system singular.
+    if (!any) points_[i].sights.front().inlier = true;
   }
 }
 
 bool StartSmoother::Solve(const CameraModel& camera, FilterState* state) {
   if (frames() < 1 || !at_frame()) return false;
-  // A point that was never seen in a frame that is kept tells nothing.
-  std::erase_if(points_, [](const Point& point) { return point.sights.empty(); });
+  // A point that was never seen in a frame that is kept tells nothing; nor does one whose oldest
+  // kept sight is outside of the lens's model.
+  std::erase_if(points_, [&](const Point& point) {
+    return point.sights.empty() || !camera.Unproject(point.sights.front().pixel);
+  });
   std::optional<Estimate> best;
   double best_cost = 0;
   const auto attempt = [&](Estimate guess) {

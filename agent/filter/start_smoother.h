@@ -55,6 +55,12 @@ class StartSmoother {
     double variance = 1;  // px^2
   };
 
+  // From the frame before.
+  struct Step {
+    double scene_depth = 1;
+    double noise_factor = 1;  // on the motion model's noise
+  };
+
   explicit StartSmoother(const StartSmootherOptions& options) : options_(options) {}
 
   // The motion model's covariance at the start, its pose exactly known. Nothing is recorded if the
@@ -62,8 +68,9 @@ class StartSmoother {
   void Begin(const MotionModel& motion, const Eigen::MatrixXd& covariance);
   // A landmark that was added to the state at its present pose, with its first observation.
   void AddPoint(const Observation& first, double inverse_depth, double depth_sigma);
-  // The motion after an update and what was seen. True if it is time to Solve.
-  bool AddFrame(const MotionModel& motion, double scene_depth,
+  // The motion after an update, how it was predicted, and what was seen. True if it is time to
+  // Solve.
+  bool AddFrame(const MotionModel& motion, const Step& step,
                 std::span<const Observation> observations);
   void End();
   bool active() const { return !frames_.empty(); }
@@ -97,7 +104,9 @@ class StartSmoother {
   struct Frame {
     Timestamp time;
     std::unique_ptr<MotionModel> motion;
-    double scene_depth = 1;  // of the step to this frame
+    // Of the steps to this frame.
+    double scene_depth = 1;
+    double noise_factor = 1;  // the largest
   };
   // What a solve moves.
   struct Estimate {
@@ -131,7 +140,7 @@ class StartSmoother {
   void AddMotionTerms(const Estimate& estimate, System* system) const;
   void AddSights(const CameraModel& camera, const Estimate& estimate, int point, bool robust,
                  System* system) const;
-  bool Step(double damping, System* system, Estimate* estimate) const;
+  bool TakeStep(double damping, System* system, Estimate* estimate) const;
   // Fills by_points and reduced; returns the inverses of the points' own information.
   static std::vector<Eigen::Matrix3d> Eliminate(double damping, System* system);
   void MarkInliers(const CameraModel& camera, const Estimate& estimate);
@@ -150,6 +159,7 @@ class StartSmoother {
   int stride_ = 1;
   int skipped_ = 0;
   int thinnings_ = 0;
+  double noise_factor_ = 1;  // the largest since the last frame that was kept
 };
 
 }  // namespace portolan

@@ -11,14 +11,19 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, PoseCorrector* correc
     } else {
       odometry_from_submap_ = Rigid3::Identity();
       window_.Start();
+      window_.SetLens(added_radial_);
       held_.reset();
-      seen_version_ = 0;
+      followed_revision_ = 0;
     }
   }
   PlacedPose placed = corrector->Place(frame.sequence_number, frame.submap_from_camera);
-  if (!frame.tracked) return placed;
   Learn(corrector);
+  if (!frame.tracked) return placed;
+  if (!frame.restated.empty()) {
+    window_.Restate(odometry_from_submap_, frame.restated, last_located_);
+  }
   FollowCorrections(frame.sequence_number, *corrector);
+  last_located_ = frame.time;
   Rigid3 pose = window_.Locate(odometry_from_submap_ * frame.submap_from_camera, frame.sights);
   if (frame.is_keyframe) {
     std::vector<KnownSight> known;
@@ -42,23 +47,25 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, PoseCorrector* correc
 
 void LiveLocalizer::Learn(PoseCorrector* corrector) {
   if (!remembers_) return;
-  const uint64_t version = corrector->map_version();
-  if (version != learnt_version_) {
-    for (const CorrectedSubmap& submap : corrector->PlacedSince(learnt_version_)) {
-      window_.SetLens(submap.added_radial);
-      memory_.SetCamera(window_.camera());
+  const uint64_t revision = corrector->revision();
+  if (revision != learnt_revision_) {
+    for (const CorrectedSubmap& submap : corrector->PlacedSince(learnt_revision_)) {
+      // The keyframes' poses are those of this lens.
+      const auto camera = calibration_.WithRadial(submap.added_radial);
+      if (camera.ok()) memory_.SetCamera(*camera);
+      added_radial_ = submap.added_radial;
       memory_.Place(submap.origin.frame_submap, submap.origin.component, submap.scale,
                     submap.keyframes);
     }
-    learnt_version_ = version;
+    learnt_revision_ = revision;
   }
   for (const LandmarkOffer& offer : corrector->TakeOffers()) memory_.AddOffer(offer);
 }
 
 void LiveLocalizer::FollowCorrections(uint32_t sequence_number, const PoseCorrector& corrector) {
-  const uint64_t version = corrector.map_version();
-  if (version == seen_version_) return;
-  seen_version_ = version;
+  const uint64_t revision = corrector.revision();
+  if (revision == followed_revision_) return;
+  followed_revision_ = revision;
   const std::optional<CorrectedSubmap> newest = corrector.NewestPlaced(sequence_number);
   if (!newest) return;
   if (held_ && newest->origin.frame_submap == held_->frame_submap &&

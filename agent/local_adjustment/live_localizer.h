@@ -22,6 +22,8 @@ struct LiveFrame {
   Rigid3 submap_from_camera;
   bool tracked = false;
   bool is_keyframe = false;
+  // FrameResult::restated.
+  std::span<const FramePose> restated;
   // Ascending track id.
   std::span<const LiveSight> sights;
   // Of a keyframe that is to be searched for landmarks of the map: its described tracks.
@@ -34,7 +36,8 @@ class LiveLocalizer {
  public:
   LiveLocalizer(const LocalAdjustmentOptions& options, const RevisitOptions& revisit,
                 const CameraModel& camera)
-      : window_(options, camera),
+      : calibration_(camera),
+        window_(options, camera),
         memory_(revisit.memory, camera),
         matcher_(revisit.matcher, camera),
         remembers_(revisit.enabled) {}
@@ -52,17 +55,21 @@ class LiveLocalizer {
   // Takes in what the server has told of other submaps.
   void Learn(PoseCorrector* corrector);
 
+  const CameraModel calibration_;
   LocalAdjustment window_;
   LandmarkMemory memory_;
   LandmarkMatcher matcher_;
   const bool remembers_;
   // Of the first of the connected submaps.
   Rigid3 odometry_from_submap_;
+  Timestamp last_located_{};
+  // As the server has told it last.
+  Eigen::Vector2d added_radial_ = Eigen::Vector2d::Zero();
   // The correction that holds the window.
   std::optional<PlacedPose> held_;
-  uint64_t seen_version_ = 0;
-  // Of the placements that memory_ has.
-  uint64_t learnt_version_ = 0;
+  // PoseCorrector::revision() of what the window, and what memory_, has heard of.
+  uint64_t followed_revision_ = 0;
+  uint64_t learnt_revision_ = 0;
 };
 
 }  // namespace portolan

@@ -150,6 +150,22 @@ void LocalAdjustment::AddKeyframe(Timestamp time, std::vector<KnownSight> known)
          is_start ? options_.max_start_iterations : options_.bundle.max_iterations);
 }
 
+void LocalAdjustment::Restate(const Rigid3& odometry_from_submap,
+                              std::span<const FramePose> frames, Timestamp last_located) {
+  const auto restate = [&](Timestamp time, Rigid3* odometry_from_camera) {
+    const auto at = std::lower_bound(
+        frames.begin(), frames.end(), time,
+        [](const FramePose& frame, Timestamp wanted) { return frame.time < wanted; });
+    if (at == frames.end() || at->time != time) return;
+    *odometry_from_camera = odometry_from_submap * at->submap_from_camera;
+  };
+  for (WindowKeyframe& keyframe : keyframes_) {
+    restate(keyframe.time, &keyframe.odometry_from_camera);
+  }
+  if (odometry_from_camera_) restate(last_located, &*odometry_from_camera_);
+  MeasureScale();
+}
+
 bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes, const PositionOf& position_of) {
   std::vector<std::pair<size_t, Rigid3>> common;
   for (const KeyframePose& held : keyframes) {

@@ -86,6 +86,11 @@ class LocalAdjustment {
   // The frame that was located last is a keyframe. known: landmarks of the map that it shows.
   void AddKeyframe(Timestamp time, std::vector<KnownSight> known = {});
 
+  // The odometry has changed its mind about frames since Start: their poses now, ascending time.
+  // last_located: time of the frame that was located last.
+  void Restate(const Rigid3& odometry_from_submap, std::span<const FramePose> frames,
+               Timestamp last_located);
+
   // k1 and k2 of the lens as somebody who has seen more has found it, less the calibration's; the
   // window no longer looks for it by itself. Zero, or a lens that cannot be, changes nothing.
   void SetLens(const Eigen::Vector2d& added_radial);

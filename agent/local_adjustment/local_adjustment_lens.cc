@@ -2,6 +2,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 #include "agent/local_adjustment/local_adjustment.h"
@@ -14,7 +15,7 @@ namespace {
 // What is not known of k1 and k2 moves a pixel at the image's corner so far.
 double LensSigmaPx(const CameraModel& camera, const Eigen::Matrix2d& covariance) {
   const auto corner = camera.Unproject({camera.width_px() - 1.0, camera.height_px() - 1.0});
-  if (!corner) return 0;
+  if (!corner) return std::numeric_limits<double>::infinity();
   const Eigen::Matrix2d d_radial = camera.DPixelDRadial(*corner);
   return std::sqrt((d_radial * covariance * d_radial.transpose()).trace());
 }

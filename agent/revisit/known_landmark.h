@@ -21,7 +21,8 @@ struct KnownGroupId {
 
 struct KnownLandmarkId {
   KnownGroupId group;
-  uint32_t index = 0;  // in its group
+  uint32_t index = 0;    // in its group
+  uint64_t filling = 0;  // KnownGroup::filling
 };
 
 struct KnownLandmark {

@@ -104,7 +104,7 @@ std::vector<KnownSight> LandmarkMatcher::Match(const LandmarkMemory& memory, Com
       if (!view) continue;
       const Nearest nearest = FindNearest(landmark, view->pixel, features, grid);
       if (nearest.feature < 0) continue;
-      const KnownSight sight{{id, index},
+      const KnownSight sight{{id, index, group.filling},
                              landmark.point_in_world,
                              features[nearest.feature].pixel.cast<double>(),
                              std::sqrt(options_.sigma_px * options_.sigma_px + view->variance_px2)};

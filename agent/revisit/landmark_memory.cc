@@ -116,6 +116,7 @@ void LandmarkMemory::AddOffer(const LandmarkOffer& offer) {
   if (offer.first_index == 0 && !offer.landmarks.empty()) {
     view.anchored.clear();
     group.landmarks.clear();
+    group.filling = received_;
   }
   if (offer.first_index == group.landmarks.size()) {
     for (const OfferedLandmark& offered : offer.landmarks) {
@@ -149,7 +150,7 @@ std::optional<Eigen::Vector3d> LandmarkMemory::PositionOf(const KnownLandmarkId&
                                                           ComponentId component) const {
   const auto group = groups_.find(id.group);
   if (group == groups_.end() || group->second.component != component ||
-      id.index >= group->second.landmarks.size()) {
+      group->second.filling != id.filling || id.index >= group->second.landmarks.size()) {
     return std::nullopt;
   }
   return group->second.landmarks[id.index].point_in_world;

@@ -38,6 +38,8 @@ struct LandmarkMemoryOptions {
 struct KnownGroup {
   ComponentId component;
   std::vector<KnownLandmark> landmarks;
+  // Another number says that the landmarks are others than before.
+  uint64_t filling = 0;
 };
 
 // Thread-compatible, deterministic.

@@ -6,6 +6,14 @@
 #include "common/base/check.h"
 
 namespace portolan {
+namespace {
+
+void ScaleTranslation(double scale, Matrix6d* covariance) {
+  covariance->topRows<3>() *= scale;
+  covariance->leftCols<3>() *= scale;
+}
+
+}  // namespace
 
 Status SubmapBuilderOptions::Validate() const {
   if (max_keyframes < 3 || max_keyframes > 64) {
@@ -82,8 +90,7 @@ void SubmapBuilder::Rescale(double scale) {
   for (FramePose& frame : submap_.frames) frame.submap_from_camera.translation *= scale;
   for (Keyframe& keyframe : submap_.keyframes) {
     keyframe.submap_from_camera.translation *= scale;
-    keyframe.covariance.topRows<3>() *= scale;
-    keyframe.covariance.leftCols<3>() *= scale;
+    ScaleTranslation(scale, &keyframe.covariance);
   }
 }
 
@@ -113,7 +120,8 @@ void SubmapBuilder::Restate(const std::vector<FramePose>& poses) {
                         share * next->submap_from_camera.translation;
   };
   for (FramePose& frame : submap_.frames) move(frame.time, &frame.submap_from_camera);
-  distance_ = rotation_rad_ = 0;
+  const double distance_before = std::exchange(distance_, 0);
+  rotation_rad_ = 0;
   for (size_t i = 0; i < submap_.keyframes.size(); ++i) {
     Keyframe& keyframe = submap_.keyframes[i];
     move(keyframe.time, &keyframe.submap_from_camera);
@@ -122,6 +130,11 @@ void SubmapBuilder::Restate(const std::vector<FramePose>& poses) {
         submap_.keyframes[i - 1].submap_from_camera.Inverse() * keyframe.submap_from_camera;
     distance_ += step.translation.norm();
     rotation_rad_ += RotationLog(step.rotation).norm();
+  }
+  // Covariances before the smoothing are those of a motion that was less known, in its unit.
+  if (!(distance_before > 0 && distance_ > distance_before)) return;
+  for (Keyframe& keyframe : submap_.keyframes) {
+    ScaleTranslation(distance_ / distance_before, &keyframe.covariance);
   }
 }
 

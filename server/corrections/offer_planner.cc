@@ -57,7 +57,7 @@ Status OfferOptions::Validate() const {
   if (!(bytes_per_second >= 0) || !(burst_bytes > 0) || min_landmarks < 1 ||
       max_landmarks < min_landmarks || max_landmarks > static_cast<int>(kMaxLandmarksPerOffer) ||
       !(max_view_angle_rad > 0) || !(max_distance_of_depth > 0) || max_views < 1 ||
-      !(max_depth_sigma > 0) || !(moved > 0)) {
+      !(max_depth_sigma > 0) || !(moved > 0) || max_told_views < max_views || !(interval_s >= 0)) {
     return absl::InvalidArgumentError("offer options: a limit is out of range");
   }
   return absl::OkStatus();
@@ -106,9 +106,11 @@ std::vector<LandmarkOffer> OfferPlanner::Next(const States& own, const MapSnapsh
   RefillBudget(now);
   std::vector<LandmarkOffer> offers;
   if (bytes_per_second_ <= 0 || budget_bytes_ <= 0 || own.empty() ||
-      own.back()->world_from_camera.empty()) {
+      own.back()->world_from_camera.empty() ||
+      (last_look_ && ToSeconds(now - *last_look_) < options_.interval_s)) {
     return offers;
   }
+  last_look_ = now;
   Agent agent;
   agent.newest = own.back().get();
   agent.world_from_camera = PredictCamera(own, live_pose);
@@ -216,18 +218,28 @@ std::vector<OfferPlanner::Candidate> OfferPlanner::FindLandmarks(const Agent& ag
   return candidates;
 }
 
+void OfferPlanner::ForgetOldestView() {
+  const auto oldest =
+      std::min_element(told_.begin(), told_.end(),
+                       [](const auto& a, const auto& b) { return a.second.last < b.second.last; });
+  for (const LandmarkId id : oldest->second.landmarks) told_landmarks_.erase(id);
+  told_.erase(oldest);
+}
+
 LandmarkOffer OfferPlanner::Take(const View& view, const std::vector<Candidate>& candidates) {
   Told& told = told_[view.id()];
   LandmarkOffer offer;
   offer.view = view.id();
   offer.component = told.component = view.state->component;
   offer.world_from_camera = told.world_from_camera = view.world_from_camera();
-  offer.first_index = told.landmarks;
+  offer.first_index = static_cast<uint32_t>(told.landmarks.size());
   for (const Candidate& candidate : candidates) {
     offer.landmarks.push_back(candidate.offered);
+    told.landmarks.push_back(candidate.landmark->id);
     told_landmarks_.insert(candidate.landmark->id);
   }
-  told.landmarks += static_cast<uint32_t>(candidates.size());
+  told.last = ++takes_;
+  if (static_cast<int>(told_.size()) > options_.max_told_views) ForgetOldestView();
   budget_bytes_ -= kBytesOfView + kBytesOfLandmark * static_cast<double>(candidates.size());
   return offer;
 }

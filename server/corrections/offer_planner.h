@@ -33,6 +33,11 @@ struct OfferOptions {
   double max_distance_of_depth = 0.8;
   // Of those the nearest are looked at.
   int max_views = 8;
+  // Views that the agent is taken to remember. No more than it does: what is forgotten here is told
+  // anew when it is wanted.
+  int max_told_views = 300;
+  // Time between two looks at what the agent sees.
+  double interval_s = 0.4;
   // Landmarks that are known worse than this share of their distance are left out.
   double max_depth_sigma = 0.1;
   // A view is told again when it has moved by this share of the scene's distance, turned by as many
@@ -69,7 +74,8 @@ class OfferPlanner {
   struct Told {
     ComponentId component;
     Similarity3 world_from_camera;
-    uint32_t landmarks = 0;
+    std::vector<LandmarkId> landmarks;
+    uint64_t last = 0;  // Take's count
   };
   // Of one call.
   struct Agent {
@@ -90,12 +96,15 @@ class OfferPlanner {
   std::vector<View> FindViews(const Agent& agent, const MapSnapshot& snapshot) const;
   bool HasMoved(const View& view, const Told& told) const;
   std::vector<Candidate> FindLandmarks(const Agent& agent, const View& view) const;
+  void ForgetOldestView();
   LandmarkOffer Take(const View& view, const std::vector<Candidate>& candidates);
 
   const OfferOptions options_;
   const double bytes_per_second_;
   double budget_bytes_;
   std::optional<Duration> last_refill_;
+  std::optional<Duration> last_look_;
+  uint64_t takes_ = 0;
   std::map<uint64_t, Told> told_;  // by view
   std::set<LandmarkId> told_landmarks_;
 };

@@ -125,6 +125,26 @@ TEST(PoseCorrector, MissingSubmapBreaksTheChain) {
   EXPECT_FALSE(corrector.Place(2, Rigid3()).in_world);
 }
 
+TEST(PoseCorrector, TellsPlacementsOfOneVersionThatComeInSeveralMessages) {
+  PoseCorrector corrector;
+  CloseSubmaps(&corrector, 2);
+  const auto placed = [](uint32_t number) {
+    SubmapPlacement placement = Placement(number, SomeSimilarity());
+    placement.adjusted_submap_from_camera.assign(3, Rigid3());
+    return placement;
+  };
+  EXPECT_EQ(corrector.revision(), 0u);
+  ASSERT_THAT(corrector.Apply(Correction(7, {placed(0)})), IsOk());
+  const uint64_t seen = corrector.revision();
+  EXPECT_EQ(corrector.PlacedSince(0).size(), 1u);
+  ASSERT_THAT(corrector.Apply(Correction(7, {placed(1)})), IsOk());
+  EXPECT_NE(corrector.revision(), seen);
+  const auto news = corrector.PlacedSince(seen);
+  ASSERT_EQ(news.size(), 1u);
+  EXPECT_EQ(news[0].origin.frame_submap, 1u);
+  EXPECT_TRUE(corrector.PlacedSince(corrector.revision()).empty());
+}
+
 TEST(PoseCorrector, OlderVersionsDoNotReplaceNewerOnes) {
   PoseCorrector corrector;
   CloseSubmaps(&corrector, 1);

@@ -76,6 +76,31 @@ TEST(LocalAdjustment, WrongLensIsFound) {
   EXPECT_LT(with, 0.5 * without);
 }
 
+// What it changes its mind about is no motion of the camera.
+TEST(LocalAdjustment, FollowsAnOdometryThatIsRestated) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  Drive(scene, 40, DriftingOdometry(0), &window);
+  const double scale = window.scale();
+  const Rigid3 before = window.window_from_camera();
+  const auto twice = [](int frame) {
+    Rigid3 pose = MovingCamera::WorldFromCamera(frame);
+    pose.translation *= 2;
+    return pose;
+  };
+  const Rigid3 odometry_from_submap(Eigen::Quaterniond(RotationExp({0.1, 0.2, 0.3})), {1, 2, 3});
+  std::vector<FramePose> restated;
+  for (int frame = 0; frame <= 40; ++frame) restated.push_back({scene.Time(frame), twice(frame)});
+  window.Restate(odometry_from_submap, restated, scene.Time(40));
+  EXPECT_NEAR(window.scale(), scale / 2, 0.02 * scale);
+  const Rigid3 after = window.Locate(odometry_from_submap * twice(41), {});
+  const Rigid3 truth =
+      MovingCamera::WorldFromCamera(40).Inverse() * MovingCamera::WorldFromCamera(41);
+  const Rigid3 motion = before.Inverse() * after;
+  EXPECT_LT((motion.translation - scale * truth.translation).norm(),
+            0.05 * truth.translation.norm());
+}
+
 TEST(LocalAdjustment, CalibrationWithDistortionIsBelieved) {
   const MovingCamera scene;
   const CameraModel calibrated = scene.camera().WithRadial({-0.01, 0}).value();

@@ -83,6 +83,17 @@ TEST_F(LandmarkMemoryTest, LandmarksWithAGapBeforeThemAreLeftOut) {
   EXPECT_EQ(memory_.groups().at({true, 77}).landmarks.size(), 3u);
 }
 
+TEST_F(LandmarkMemoryTest, AViewThatIsFilledAnewHasOtherLandmarks) {
+  memory_.AddOffer(scene_.MakeOffer(77, 0, 5));
+  const KnownLandmarkId before{{true, 77}, 2, memory_.groups().at({true, 77}).filling};
+  memory_.AddOffer(scene_.MakeOffer(77, 5, 5));
+  EXPECT_TRUE(memory_.PositionOf(before, kWallWorld).has_value());
+  memory_.AddOffer(scene_.MakeOffer(77, 0, 5));
+  EXPECT_FALSE(memory_.PositionOf(before, kWallWorld).has_value());
+  const KnownLandmarkId after{{true, 77}, 2, memory_.groups().at({true, 77}).filling};
+  EXPECT_TRUE(memory_.PositionOf(after, kWallWorld).has_value());
+}
+
 TEST_F(LandmarkMemoryTest, IsBounded) {
   LandmarkMemoryOptions options;
   options.max_submaps = 3;

@@ -143,6 +143,37 @@ TEST_F(OfferPlannerTest, PredictsTheCameraFromTheOpenSubmap) {
             1e-12);
 }
 
+TEST_F(OfferPlannerTest, LooksAtIntervals) {
+  EXPECT_EQ(Next(0).size(), 1u);
+  EXPECT_TRUE(Next(0.3).empty());
+  EXPECT_EQ(Next(0.5).size(), 1u);
+}
+
+// The agent forgets as well: a landmark of a forgotten view is offered again.
+TEST_F(OfferPlannerTest, ForgetsTheViewsToldFirst) {
+  options_.max_views = options_.max_told_views = 1;
+  OfferPlanner forgetful(options_, 1000);
+  const auto landmarks = [&](OfferPlanner* planner, double from_s, double to_s) {
+    size_t count = 0;
+    for (double time = from_s; time < to_s; time += 0.5) {
+      for (const auto& offer : planner->Next(own_, snapshot_, live_pose_, FromSeconds(time))) {
+        count += offer.landmarks.size();
+      }
+    }
+    return count;
+  };
+  const size_t all = landmarks(&forgetful, 0, 60);
+  EXPECT_EQ(landmarks(&planner_, 0, 60), all);
+  // Another view of the same comes, which is nearer; then it goes.
+  const auto alone = snapshot_.submaps;
+  Add("c", 3, {Eigen::Quaterniond(RotationExp({0, 0.01, 0})), {0.02, 0, 0}});
+  landmarks(&forgetful, 60, 120);
+  landmarks(&planner_, 60, 120);
+  snapshot_.submaps = alone;
+  EXPECT_EQ(landmarks(&forgetful, 120, 180), all);
+  EXPECT_EQ(landmarks(&planner_, 120, 180), 0u);
+}
+
 TEST(OfferOptions, RefusesWhatMakesNoSense) {
   OfferOptions options;
   EXPECT_TRUE(options.Validate().ok());
