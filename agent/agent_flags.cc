@@ -197,6 +197,9 @@ void AddLocalAdjustment(LocalAdjustmentOptions* options, OptionSection section) 
               "0: the calibration is taken as it is");
   section.Add("trust_distortion", &options->trust_distortion, "",
               "a calibration with distortion is taken as it is");
+  section.Add("readout_sigma_s", &options->readout_sigma_s, "s",
+              "how long it may take from an image's first row to its last until they are read; 0: "
+              "all rows are taken at once");
   section.Add("lens_corner_sigma_px", &options->lens_corner_sigma_px, "px",
               "how far the calibration may be off at the image's corner");
 }

@@ -11,8 +11,8 @@ void LocalFilter::RecordStart(UpdateResult* result) {
     observations.push_back({candidate.track, candidate.match.pixel, candidate.match.variance});
   }
   const double noise_factor = result->manoeuvre ? options_.manoeuvre_noise_factor : 1.0;
-  const bool due = start_.AddFrame(state_.motion(), {scene_depth_of_prediction_, noise_factor},
-                                   observations);
+  const bool due =
+      start_.AddFrame(state_.motion(), {scene_depth_of_prediction_, noise_factor}, observations);
   const bool known = start_.at_frame() && start_.frames() >= options_.start.min_frames &&
                      start_.frames() >= retry_frames_ && DepthsAreKnown();
   if (!due && !known) return;

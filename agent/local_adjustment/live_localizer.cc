@@ -1,5 +1,6 @@
 #include "agent/local_adjustment/live_localizer.h"
 
+#include <algorithm>
 #include <vector>
 
 namespace portolan {
@@ -24,13 +25,22 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, PoseCorrector* correc
   }
   FollowCorrections(frame.sequence_number, *corrector);
   last_located_ = frame.time;
-  Rigid3 pose = window_.Locate(odometry_from_submap_ * frame.submap_from_camera, frame.sights);
+  sights_.assign(frame.sights.begin(), frame.sights.end());
+  const Rigid3 odometry_from_camera = odometry_from_submap_ * frame.submap_from_camera;
+  row_motion_.Measure(frame.time, &sights_);
+  if (last_keyframe_ && row_motion_.middle() == last_keyframe_) {
+    for (const RowMotion::OfTrack& of_track : row_motion_.MeasureMiddle()) {
+      window_.SetRowMotion(of_track.track, of_track.row_motion);
+    }
+  }
+  Rigid3 pose = window_.Locate(odometry_from_camera, sights_);
   if (frame.is_keyframe) {
+    last_keyframe_ = frame.time;
     std::vector<KnownSight> known;
     if (held_ && !frame.features.empty()) {
       matcher_.SetCamera(window_.camera());
-      known =
-          matcher_.Match(memory_, held_->component, frame.sequence_number, pose, frame.features);
+      known = matcher_.Match(memory_, held_->component, frame.sequence_number, pose,
+                             AtOneTime(frame.features));
     }
     const bool is_tied = !known.empty();
     window_.AddKeyframe(frame.time, std::move(known));
@@ -43,6 +53,20 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, PoseCorrector* correc
     placed.frame_from_camera = pose;
   }
   return placed;
+}
+
+std::vector<Feature> LiveLocalizer::AtOneTime(std::span<const Feature> features) const {
+  std::vector<Feature> result(features.begin(), features.end());
+  for (Feature& feature : result) {
+    if (!feature.track) continue;
+    const auto sight = std::lower_bound(sights_.begin(), sights_.end(), *feature.track,
+                                        [](const LiveSight& candidate, TrackId track) {
+                                          return candidate.observation.track < track;
+                                        });
+    if (sight == sights_.end() || sight->observation.track != *feature.track) continue;
+    feature.pixel += static_cast<float>(window_.readout_s()) * sight->row_motion;
+  }
+  return result;
 }
 
 void LiveLocalizer::Learn(PoseCorrector* corrector) {

@@ -8,6 +8,7 @@
 
 #include "agent/corrections/pose_corrector.h"
 #include "agent/local_adjustment/local_adjustment.h"
+#include "agent/local_adjustment/row_motion.h"
 #include "agent/revisit/revisit_options.h"
 
 namespace portolan {
@@ -38,6 +39,7 @@ class LiveLocalizer {
                 const CameraModel& camera)
       : calibration_(camera),
         window_(options, camera),
+        row_motion_(camera.height_px()),
         memory_(revisit.memory, camera),
         matcher_(revisit.matcher, camera),
         remembers_(revisit.enabled) {}
@@ -52,17 +54,22 @@ class LiveLocalizer {
  private:
   // Puts the window in the world again if the server has told something new.
   void FollowCorrections(uint32_t sequence_number, const PoseCorrector& corrector);
+  // As they would be had all rows been seen at the image's time.
+  std::vector<Feature> AtOneTime(std::span<const Feature> features) const;
   // Takes in what the server has told of other submaps.
   void Learn(PoseCorrector* corrector);
 
   const CameraModel calibration_;
   LocalAdjustment window_;
+  RowMotion row_motion_;
   LandmarkMemory memory_;
   LandmarkMatcher matcher_;
   const bool remembers_;
   // Of the first of the connected submaps.
   Rigid3 odometry_from_submap_;
   Timestamp last_located_{};
+  std::optional<Timestamp> last_keyframe_;
+  std::vector<LiveSight> sights_;
   // As the server has told it last.
   Eigen::Vector2d added_radial_ = Eigen::Vector2d::Zero();
   // The correction that holds the window.

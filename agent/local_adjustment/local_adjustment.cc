@@ -53,7 +53,7 @@ Status LocalAdjustmentOptions::Validate() const {
   if (max_free_keyframes < 1 || max_keyframes <= max_free_keyframes ||
       max_kept_keyframes < max_keyframes || max_free_after_correction < max_free_keyframes ||
       max_start_iterations < 1 || min_points < 4 || max_lens_windows < 0 ||
-      !(lens_corner_sigma_px > 0) || !(lens_noise_factor >= 1)) {
+      !(lens_corner_sigma_px > 0) || !(lens_noise_factor >= 1) || !(readout_sigma_s >= 0)) {
     return absl::InvalidArgumentError("local_adjustment: a limit is out of range");
   }
   return absl::OkStatus();
@@ -64,7 +64,10 @@ LocalAdjustment::LocalAdjustment(const LocalAdjustmentOptions& options, const Ca
       calibration_(camera),
       camera_(camera),
       lens_(MakeLens(std::make_shared<const CameraModel>(camera), camera,
-                     options.lens_corner_sigma_px)) {}
+                     options.lens_corner_sigma_px,
+                     std::max(options.readout_sigma_s, kHeldReadoutSigma))),
+      lens_is_known_(options.trust_distortion && camera.has_distortion()),
+      readout_is_known_(options.readout_sigma_s == 0) {}
 
 void LocalAdjustment::Start() {
   keyframes_.clear();
@@ -97,8 +100,7 @@ void LocalAdjustment::FitToPoints() {
     const WindowPoint* point = FindPoint(sight.observation.track);
     index_of.push_back(point == nullptr ? -1 : static_cast<int>(known.size()));
     if (point == nullptr) continue;
-    known.push_back({&point->seen_from_last, sight.observation.pixel.cast<double>(),
-                     double{sight.observation.sigma_px}});
+    known.push_back({&point->seen_from_last, PixelOf(sight), double{sight.observation.sigma_px}});
     if (sight.trusted) trusted.push_back(known.back());
   }
   auto pose = Resect(options_.resection, camera_, trusted, window_from_camera_);
@@ -136,22 +138,22 @@ void LocalAdjustment::AddKeyframe(Timestamp time, std::vector<KnownSight> known)
     keyframes_.erase(keyframes_.begin());
   }
   WindowKeyframe keyframe{time, *odometry_from_camera_, window_from_camera_, {}, false};
-  for (const LiveSight& sight : sights_) keyframe.sights.push_back(sight.observation);
+  keyframe.sights = sights_;
   keyframe.known = std::move(known);
   keyframes_.push_back(std::move(keyframe));
   if (!keyframes_.back().known.empty()) FollowKnown();
   // A start is far from converged.
   const bool is_start = static_cast<int>(keyframes_.size()) <= options_.max_keyframes;
   if (++keyframes_since_lens_ >= options_.max_keyframes && !is_start &&
-      lens_windows_ < options_.max_lens_windows) {
+      lens_windows_ < options_.max_lens_windows && !(lens_is_known_ && readout_is_known_)) {
     AdjustLens();
   }
   Adjust(options_.max_free_keyframes,
          is_start ? options_.max_start_iterations : options_.bundle.max_iterations);
 }
 
-void LocalAdjustment::Restate(const Rigid3& odometry_from_submap,
-                              std::span<const FramePose> frames, Timestamp last_located) {
+void LocalAdjustment::Restate(const Rigid3& odometry_from_submap, std::span<const FramePose> frames,
+                              Timestamp last_located) {
   const auto restate = [&](Timestamp time, Rigid3* odometry_from_camera) {
     const auto at = std::lower_bound(
         frames.begin(), frames.end(), time,
@@ -164,6 +166,15 @@ void LocalAdjustment::Restate(const Rigid3& odometry_from_submap,
   }
   if (odometry_from_camera_) restate(last_located, &*odometry_from_camera_);
   MeasureScale();
+}
+
+void LocalAdjustment::SetRowMotion(TrackId track, const Eigen::Vector2f& row_motion) {
+  if (keyframes_.empty()) return;
+  std::vector<LiveSight>& sights = keyframes_.back().sights;
+  const auto at = std::lower_bound(
+      sights.begin(), sights.end(), track,
+      [](const LiveSight& sight, TrackId wanted) { return sight.observation.track < wanted; });
+  if (at != sights.end() && at->observation.track == track) at->row_motion = row_motion;
 }
 
 bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes, const PositionOf& position_of) {

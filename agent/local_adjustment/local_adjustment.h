@@ -34,16 +34,21 @@ struct LocalAdjustmentOptions {
   int max_start_iterations = 10;
   TriangulationOptions triangulation;
   ResectionOptions resection;
-  // The lens is looked for in every max_keyframes keyframes anew, so many times; 0: never. How far
-  // the calibration's k1 and k2 may be off, at the image's corner.
+  // The lens and the shutter are looked for in every max_keyframes keyframes anew, so many times;
+  // 0: never. How far the calibration's k1 and k2 may be off, at the image's corner.
   int max_lens_windows = 12;
   double lens_corner_sigma_px = 5.0;
+  // How long it may take from the first row to the last one until an image is read: standard
+  // deviation about none, either way up; 0: all rows are taken at once.
+  double readout_sigma_s = 0.02;
   // A calibration with distortion is believed.
   bool trust_distortion = true;
   // Once it is known to this much it stays: every change costs, for the window was placed by the
   // lens before.
   double lens_known_px = 1.0;
-  // By how much a window tells less of the lens than white noise would let it.
+  // The same of the readout.
+  double readout_known_s = 5e-4;
+  // By how much a window tells less of lens and shutter than white noise would let it.
   double lens_noise_factor = 2.0;
   KnownFitOptions known_fit;
   // With fewer triangulated points an adjustment has no say.
@@ -57,6 +62,8 @@ struct LiveSight {
   Observation observation;
   // A landmark of the filter that was no outlier: measured and found consistent, or new.
   bool trusted = false;
+  // BundleObservation::row_motion.
+  Eigen::Vector2f row_motion = Eigen::Vector2f::Zero();
 };
 
 // Poses are in the window's frame and unit: those of the odometry until Hold has put the window in
@@ -91,6 +98,9 @@ class LocalAdjustment {
   void Restate(const Rigid3& odometry_from_submap, std::span<const FramePose> frames,
                Timestamp last_located);
 
+  // A better row motion of the last keyframe's sight of a track.
+  void SetRowMotion(TrackId track, const Eigen::Vector2f& row_motion);
+
   // k1 and k2 of the lens as somebody who has seen more has found it, less the calibration's; the
   // window no longer looks for it by itself. Zero, or a lens that cannot be, changes nothing.
   void SetLens(const Eigen::Vector2d& added_radial);
@@ -110,13 +120,16 @@ class LocalAdjustment {
   int point_count() const { return static_cast<int>(points_.size()); }
   // With the lens as it is believed to be now.
   const CameraModel& camera() const { return camera_; }
+  // From the first row to the last one as it is believed to be now; negative if the last one is
+  // first.
+  double readout_s() const { return readout_s_; }
 
  private:
   struct WindowKeyframe {
     Timestamp time{};
     Rigid3 odometry_from_camera;
     Rigid3 window_from_camera;
-    std::vector<Observation> sights;
+    std::vector<LiveSight> sights;
     bool held = false;
     std::vector<KnownSight> known = {};
   };
@@ -128,7 +141,7 @@ class LocalAdjustment {
   struct Sight {
     TrackId track;
     int keyframe = 0;
-    const Observation* observation = nullptr;
+    const LiveSight* sight = nullptr;
   };
 
   void FitToPoints();
@@ -139,6 +152,11 @@ class LocalAdjustment {
   std::vector<TrackId> MakeProblem(int first, int first_free, BundleProblem* problem) const;
   // The last max_keyframes keyframes, all free, and the lens.
   void AdjustLens();
+  BundleLens LensPrior() const;
+  // Where all rows had been seen at the image's time.
+  Eigen::Vector2d PixelOf(const LiveSight& sight) const {
+    return sight.observation.pixel.cast<double>() + readout_s_ * sight.row_motion.cast<double>();
+  }
   std::vector<Sight> CollectSights(int first, int first_free) const;
   void AddCameras(int first, int first_free, BundleProblem* problem) const;
   void AddPoint(std::span<const Sight> sights, int first, double scene_depth,
@@ -160,6 +178,9 @@ class LocalAdjustment {
   CameraModel camera_;
   // Its prior: what is believed of it after the windows before.
   BundleLens lens_;
+  bool lens_is_known_ = false;
+  double readout_s_ = 0;
+  bool readout_is_known_ = false;
   int lens_windows_ = 0;
   int keyframes_since_lens_ = 0;
   std::vector<WindowKeyframe> keyframes_;

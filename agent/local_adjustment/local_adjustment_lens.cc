@@ -12,6 +12,9 @@
 namespace portolan {
 namespace {
 
+// Holds a lens that is known.
+constexpr double kHeldCornerSigmaPx = 1e-3;
+
 // What is not known of k1 and k2 moves a pixel at the image's corner so far.
 double LensSigmaPx(const CameraModel& camera, const Eigen::Matrix2d& covariance) {
   const auto corner = camera.Unproject({camera.width_px() - 1.0, camera.height_px() - 1.0});
@@ -27,22 +30,39 @@ void LocalAdjustment::SetLens(const Eigen::Vector2d& added_radial) {
   const auto camera = calibration_.WithRadial(added_radial);
   if (!camera.ok()) return;
   camera_ = *camera;
-  lens_windows_ = options_.max_lens_windows;
+  lens_is_known_ = true;
+}
+
+// What is known is held.
+BundleLens LocalAdjustment::LensPrior() const {
+  BundleLens lens = lens_;
+  lens.model = std::make_shared<const CameraModel>(camera_);
+  const LensMatrix covariance =
+      (lens_.sqrt_information.transpose() * lens_.sqrt_information).inverse();
+  if (lens_is_known_) {
+    lens.sqrt_information =
+        MakeLens(lens.model, camera_, kHeldCornerSigmaPx, std::sqrt(covariance(2, 2)))
+            .sqrt_information;
+  }
+  if (readout_is_known_) {
+    lens.sqrt_information.row(2) = LensVector(0, 0, 1 / kHeldReadoutSigma);
+    lens.sqrt_information.col(2).head<2>().setZero();
+  }
+  return lens;
 }
 
 // Of successive windows, each with keyframes of its own, what they say is independent.
 void LocalAdjustment::AdjustLens() {
   keyframes_since_lens_ = 0;
-  if (options_.trust_distortion && calibration_.has_distortion()) return;
   const int first = static_cast<int>(keyframes_.size()) - options_.max_keyframes;
   BundleProblem problem;
   const std::vector<TrackId> tracks = MakeProblem(first, first + 1, &problem);
   if (tracks.empty()) return;
-  lens_.model = std::make_shared<const CameraModel>(camera_);
-  problem.lenses.push_back(lens_);
+  const BundleLens prior = LensPrior();
+  problem.lenses.push_back(prior);
   for (BundleCamera& camera : problem.cameras) {
     camera.lens = 0;
-    camera.model = lens_.model.get();
+    camera.model = prior.model.get();
   }
   BundleOptions bundle = options_.bundle;
   bundle.max_iterations = options_.max_start_iterations;
@@ -52,15 +72,16 @@ void LocalAdjustment::AdjustLens() {
   const auto covariance = LensCovariance(bundle, problem, 0);
   if (!covariance || !(covariance->determinant() > 0)) return;
   const bool is_first = lens_windows_++ == 0;
-  const Eigen::Matrix2d known = lens_.sqrt_information.transpose() * lens_.sqrt_information;
+  const LensMatrix known = prior.sqrt_information.transpose() * prior.sqrt_information;
   const double share = 1 / (options_.lens_noise_factor * options_.lens_noise_factor);
-  const Eigen::Matrix2d information = (1 - share) * known + share * covariance->inverse();
+  const LensMatrix information = (1 - share) * known + share * covariance->inverse();
   lens_.sqrt_information = information.llt().matrixU();
-  camera_ = *problem.lenses[0].model;
-  lens_.deviation.setZero();  // from what is believed now
-  if (LensSigmaPx(camera_, information.inverse()) < options_.lens_known_px) {
-    lens_windows_ = options_.max_lens_windows;
-  }
+  if (!lens_is_known_) camera_ = *problem.lenses[0].model;
+  if (!readout_is_known_) readout_s_ += problem.lenses[0].deviation[2];
+  const LensMatrix left = information.inverse();
+  lens_is_known_ =
+      lens_is_known_ || LensSigmaPx(camera_, left.topLeftCorner<2, 2>()) < options_.lens_known_px;
+  readout_is_known_ = readout_is_known_ || std::sqrt(left(2, 2)) < options_.readout_known_s;
   // The first one corrects the most. Later ones would only let the scale drift: the keyframes that
   // carry it over are free here.
   if (is_first && !in_world_) TakeResult(problem, tracks, first);

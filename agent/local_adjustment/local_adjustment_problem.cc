@@ -57,8 +57,9 @@ std::vector<LocalAdjustment::Sight> LocalAdjustment::CollectSights(int first,
   const int size = static_cast<int>(keyframes_.size());
   std::vector<Sight> sights;
   for (int i = first; i < size; ++i) {
-    for (const Observation& sight : keyframes_[i].sights)
-      sights.push_back({sight.track, i, &sight});
+    for (const LiveSight& sight : keyframes_[i].sights) {
+      sights.push_back({sight.observation.track, i, &sight});
+    }
   }
   std::sort(sights.begin(), sights.end(), [](const Sight& a, const Sight& b) {
     return std::tie(a.track, a.keyframe) < std::tie(b.track, b.keyframe);
@@ -80,9 +81,9 @@ void LocalAdjustment::AddPoint(std::span<const Sight> sights, int first, double 
   const size_t begin = problem->observations.size();
   const int index = static_cast<int>(problem->points.size());
   for (const Sight& sight : sights) {
-    problem->observations.push_back({sight.keyframe - first, index,
-                                     sight.observation->pixel.cast<double>(),
-                                     double{sight.observation->sigma_px}, false});
+    problem->observations.push_back({sight.keyframe - first, index, PixelOf(*sight.sight),
+                                     double{sight.sight->observation.sigma_px}, false,
+                                     sight.sight->row_motion.cast<double>()});
   }
   problem->points.emplace_back();
   int inliers = 0;

@@ -11,7 +11,7 @@ BundleParameters::BundleParameters(const BundleProblem& problem)
       points(problem.points.size(), std::array<double, 3>{}),
       inliers(problem.points.size(), 0),
       median_depth(MedianDepth(problem)),
-      lenses(problem.lenses.size(), Eigen::Vector2d::Zero()) {
+      lenses(problem.lenses.size(), LensVector::Zero()) {
   for (const BundleCamera& camera : problem.cameras) {
     camera_references.push_back({camera.world_from_camera, camera.model});
   }
@@ -40,7 +40,7 @@ void BundleParameters::WriteTo(const BundleOptions& options, BundleProblem* prob
   }
   for (size_t i = 0; i < lenses.size(); ++i) {
     BundleLens& lens = problem->lenses[i];
-    auto changed = lens.model->WithRadial(lenses[i]);
+    auto changed = lens.model->WithRadial(lenses[i].head<2>());
     if (!changed.ok()) continue;
     lens.model = std::make_shared<const CameraModel>(*std::move(changed));
     lens.deviation += lenses[i];

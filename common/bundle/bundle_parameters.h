@@ -21,8 +21,8 @@ struct BundleParameters {
   // Inlier observations of a point; points with fewer than two have no say unless they are held.
   std::vector<int> inliers;
   double median_depth = 1;
-  // Added to each lens's k1 and k2.
-  std::vector<Eigen::Vector2d> lenses;
+  // Added to each lens.
+  std::vector<LensVector> lenses;
 
   // Anchors every point at the first camera that sees it.
   explicit BundleParameters(const BundleProblem& problem);

@@ -8,7 +8,7 @@
 namespace portolan {
 
 BundleLens MakeLens(std::shared_ptr<const CameraModel> now, const CameraModel& nominal,
-                    double corner_sigma_px) {
+                    double corner_sigma_px, double readout_sigma_s) {
   BundleLens lens;
   const double right = nominal.width_px() - 1.0, bottom = nominal.height_px() - 1.0;
   double shift_px[2] = {0, 0};
@@ -26,6 +26,7 @@ BundleLens MakeLens(std::shared_ptr<const CameraModel> now, const CameraModel& n
     lens.sqrt_information(i, i) = std::max(shift_px[i], 1e-9) / corner_sigma_px;
     lens.deviation[i] = now->intrinsics().coefficients[i] - nominal.intrinsics().coefficients[i];
   }
+  lens.sqrt_information(2, 2) = 1 / readout_sigma_s;
   lens.model = std::move(now);
   return lens;
 }

@@ -19,21 +19,30 @@ struct PositionPrior {
   Eigen::Vector3d sigma_factors = Eigen::Vector3d::Ones();
 };
 
+// What is unknown of a lens and its sensor: k1, k2 and the time between the first row and the last
+// one [s].
+using LensVector = Eigen::Vector3d;
+using LensMatrix = Eigen::Matrix3d;
+
+inline constexpr double kHeldReadoutSigma = 1e-6;
+
 // A lens whose radial distortion is adjusted with the cameras that look through it: what a user's
-// calibration, or none, leaves is often several pixels at the image's corners, and bends maps.
+// calibration, or none, leaves is often several pixels at the image's corners, and bends maps. So
+// do images whose rows are read one after another while the camera moves.
 struct BundleLens {
   // As it is now; BundleCamera::model of the cameras that look through it points here.
   std::shared_ptr<const CameraModel> model;
-  // k1 and k2 less those that are believed, and how far these are: the prior's residual is
+  // What it is less what is believed, and how far that is: the prior's residual is
   // sqrt_information * deviation.
-  Eigen::Vector2d deviation = Eigen::Vector2d::Zero();
-  Eigen::Matrix2d sqrt_information = Eigen::Matrix2d::Identity();
+  LensVector deviation = LensVector::Zero();
+  LensMatrix sqrt_information = LensMatrix::Identity();
 };
 
 // A lens as it is now, whose calibration by the user is `nominal`; what that may be off moves a
-// pixel at the image's corner by corner_sigma_px, by k1 and again by k2.
+// pixel at the image's corner by corner_sigma_px, by k1 and again by k2. readout_sigma_s: of the
+// readout that the pixels are corrected for; the default holds it.
 BundleLens MakeLens(std::shared_ptr<const CameraModel> now, const CameraModel& nominal,
-                    double corner_sigma_px);
+                    double corner_sigma_px, double readout_sigma_s = kHeldReadoutSigma);
 
 struct BundleCamera {
   Rigid3 world_from_camera;
@@ -56,6 +65,8 @@ struct BundleObservation {
   double sigma_px = 1.0;
   // Only inliers enter a solve.
   bool inlier = true;
+  // By how much the pixel grows with the readout that it is corrected for, px/s.
+  Eigen::Vector2d row_motion = Eigen::Vector2d::Zero();
 };
 
 // The distance of two camera positions; holds (or measures) the scale. The residual is

@@ -39,7 +39,7 @@ class Solver {
       const bool is_free = parameters_.cameras_used[i] && !problem.cameras[i].fixed;
       place_of_.push_back(is_free ? free_count_++ : -1);
     }
-    // A lens has a block like a camera's, of which it uses two rows.
+    // A lens has a block like a camera's, of which it uses three rows.
     block_count_ = free_count_ + static_cast<int>(problem.lenses.size());
     system_ = std::make_unique<CameraSystem>(block_count_, options.max_dense_cameras);
     diagonal_.resize(block_count_);
@@ -96,16 +96,16 @@ class Solver {
     return result;
   }
 
-  std::optional<Eigen::Matrix2d> LensCovariance(int lens) {
+  std::optional<LensMatrix> LensCovariance(int lens) {
     if (terms_.empty() || !std::isfinite(Cost())) return std::nullopt;
     Linearize();
-    Eigen::Matrix2d covariance;
-    for (int i = 0; i < 2; ++i) {
+    LensMatrix covariance;
+    for (int i = 0; i < 3; ++i) {
       BuildSystem(kMinDamping);
       right_.setZero();
       right_[6 * PlaceOfLens(lens) + i] = 1;
       if (!system_->SolveInPlace(&right_)) return std::nullopt;
-      covariance.col(i) = right_.segment<2>(6 * PlaceOfLens(lens));
+      covariance.col(i) = right_.segment<3>(6 * PlaceOfLens(lens));
     }
     return covariance;
   }
@@ -180,7 +180,7 @@ class Solver {
     return cost;
   }
 
-  Eigen::Vector2d LensPrior(size_t lens) const {
+  LensVector LensPrior(size_t lens) const {
     const BundleLens& prior = problem_.lenses[lens];
     return prior.sqrt_information * (prior.deviation + parameters_.lenses[lens]);
   }
@@ -209,8 +209,8 @@ class Solver {
         if (term.lens >= 0) {
           const int place = PlaceOfLens(term.lens);
           term.d_lens = weight * term.lens_slope;
-          diagonal_[place].topLeftCorner<2, 2>().noalias() += term.d_lens.transpose() * term.d_lens;
-          gradient_.segment<2>(6 * place).noalias() += term.d_lens.transpose() * term.residual;
+          diagonal_[place].topLeftCorner<3, 3>().noalias() += term.d_lens.transpose() * term.d_lens;
+          gradient_.segment<3>(6 * place).noalias() += term.d_lens.transpose() * term.residual;
         }
         term.d_point *= weight;
         point.information.noalias() += term.d_point.transpose() * term.d_point;
@@ -249,12 +249,12 @@ class Solver {
     double cost = 0;
     for (size_t i = 0; i < parameters_.lenses.size(); ++i) {
       const int place = PlaceOfLens(static_cast<int>(i));
-      const Eigen::Matrix2d& root = problem_.lenses[i].sqrt_information;
-      diagonal_[place].topLeftCorner<2, 2>() = root.transpose() * root;
-      gradient_.segment<2>(6 * place) = root.transpose() * LensPrior(i);
+      const LensMatrix& root = problem_.lenses[i].sqrt_information;
+      diagonal_[place].topLeftCorner<3, 3>() = root.transpose() * root;
+      gradient_.segment<3>(6 * place) = root.transpose() * LensPrior(i);
       cost += 0.5 * LensPrior(i).squaredNorm();
       // The rows that are not used.
-      diagonal_[place].diagonal().tail<4>().setOnes();
+      diagonal_[place].diagonal().tail<3>().setOnes();
     }
     return cost;
   }
@@ -276,7 +276,7 @@ class Solver {
     for (size_t i = 0; i < problem_.cameras.size(); ++i) {
       const int lens = problem_.cameras[i].lens;
       if (lens < 0 || place_of_[i] < 0) continue;
-      system_->Block(PlaceOfLens(lens), place_of_[i]).topRows<2>() += lens_by_camera_[place_of_[i]];
+      system_->Block(PlaceOfLens(lens), place_of_[i]).topRows<3>() += lens_by_camera_[place_of_[i]];
     }
     for (PointTerms& point : points_) {
       if (!point.is_free) continue;
@@ -315,7 +315,7 @@ class Solver {
       for (int k = 0; k < 6; ++k) parameters_.cameras[i][k] += right_[6 * place_of_[i] + k];
     }
     for (size_t i = 0; i < parameters_.lenses.size(); ++i) {
-      parameters_.lenses[i] += right_.segment<2>(6 * PlaceOfLens(static_cast<int>(i)));
+      parameters_.lenses[i] += right_.segment<3>(6 * PlaceOfLens(static_cast<int>(i)));
     }
     return true;
   }
@@ -380,7 +380,7 @@ class Solver {
         couplings_.push_back({place, Matrix63d::Zero(), Matrix63d::Zero()});
         coupling = couplings_.end() - 1;
       }
-      coupling->plain.topRows<2>().noalias() += term.d_lens.transpose() * term.d_point;
+      coupling->plain.topRows<3>().noalias() += term.d_lens.transpose() * term.d_point;
     }
     for (auto coupling = couplings_.begin() + first; coupling != couplings_.end(); ++coupling) {
       coupling->weighted = coupling->plain * point.inverse;
@@ -393,7 +393,7 @@ class Solver {
       const Term& term = terms_[i];
       if (term.lens >= 0) {
         right.noalias() -= term.d_point.transpose() *
-                           (term.d_lens * right_.segment<2>(6 * PlaceOfLens(term.lens))).eval();
+                           (term.d_lens * right_.segment<3>(6 * PlaceOfLens(term.lens))).eval();
       }
       if (term.place < 0) continue;
       right.noalias() -=
@@ -416,7 +416,7 @@ class Solver {
   std::vector<Eigen::Matrix<double, 6, 6>> diagonal_;
   std::vector<Below> below_;
   // By free camera: of its lens.
-  std::vector<Eigen::Matrix<double, 2, 6>> lens_by_camera_;
+  std::vector<Eigen::Matrix<double, 3, 6>> lens_by_camera_;
   Eigen::VectorXd gradient_;
   std::unique_ptr<CameraSystem> system_;  // reduced
   Eigen::VectorXd right_;                 // then the cameras' step
@@ -432,8 +432,8 @@ BundleSolve SolveBundle(const BundleOptions& options, const BundleProblem& probl
   return Solver(options, problem, interrupt, parameters).Run();
 }
 
-std::optional<Eigen::Matrix2d> LensCovariance(const BundleOptions& options,
-                                              const BundleProblem& problem, int lens) {
+std::optional<LensMatrix> LensCovariance(const BundleOptions& options, const BundleProblem& problem,
+                                         int lens) {
   BundleParameters parameters(problem);
   return Solver(options, problem, nullptr, &parameters).LensCovariance(lens);
 }

@@ -18,10 +18,10 @@ namespace portolan {
 BundleSolve SolveBundle(const BundleOptions& options, const BundleProblem& problem,
                         const std::atomic<bool>* interrupt, BundleParameters* parameters);
 
-// Covariance of a lens's k1 and k2 where the problem is, of the prior and of all that is free in
+// Covariance of a lens where the problem is, of the prior and of all that is free in
 // the problem together; no value if the cameras are not determined.
-std::optional<Eigen::Matrix2d> LensCovariance(const BundleOptions& options,
-                                              const BundleProblem& problem, int lens);
+std::optional<LensMatrix> LensCovariance(const BundleOptions& options, const BundleProblem& problem,
+                                         int lens);
 
 }  // namespace portolan
 

@@ -7,10 +7,10 @@ void SetLens(const BundleProblem& problem, const BundleObservation& observation,
   const BundleCamera& camera = problem.cameras[observation.camera];
   if (camera.lens < 0) return;
   term->lens = camera.lens;
-  term->lens_slope =
-      camera.model->DPixelDRadial(camera.world_from_camera.Inverse() *
-                                  problem.points[observation.point].point_in_world) /
-      observation.sigma_px;
+  term->lens_slope << camera.model->DPixelDRadial(camera.world_from_camera.Inverse() *
+                                                  problem.points[observation.point].point_in_world),
+      -observation.row_motion;
+  term->lens_slope /= observation.sigma_px;
 }
 
 }  // namespace

@@ -26,8 +26,8 @@ struct Term {
   Matrix23r d_point = Matrix23r::Zero();
   int lens = -1;  // of the camera
   // Residual by the lens's coefficients, which it is linear in: fixed for a solve, and weighted.
-  Eigen::Matrix2d lens_slope = Eigen::Matrix2d::Zero();
-  Eigen::Matrix2d d_lens = Eigen::Matrix2d::Zero();
+  Matrix23r lens_slope = Matrix23r::Zero();
+  Matrix23r d_lens = Matrix23r::Zero();
 };
 
 // The terms of one point, one after another.
@@ -44,7 +44,8 @@ struct PointTerms {
   Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
 };
 
-// The observations that have a say, point by point. place_of: of a camera among the free ones, or -1.
+// The observations that have a say, point by point. place_of: of a camera among the free ones, or
+// -1.
 void CollectTerms(const BundleOptions& options, const BundleProblem& problem,
                   const BundleParameters& parameters, const std::vector<int>& place_of,
                   std::vector<Term>* terms, std::vector<PointTerms>* points);
@@ -53,7 +54,7 @@ void CollectTerms(const BundleOptions& options, const BundleProblem& problem,
 struct Unknowns {
   std::vector<std::array<double, 6>> cameras;
   std::vector<std::array<double, 3>> points;
-  std::vector<Eigen::Vector2d> lenses;
+  std::vector<LensVector> lenses;
 };
 
 // Of a camera, or a lens, with a point.
