@@ -205,10 +205,10 @@ TEST_F(LensTest, CovarianceIsThatOfTheDeviation) {
   const auto covariance = LensCovariance({}, problem_, 0);
   ASSERT_TRUE(covariance);
   EXPECT_NEAR((*covariance)(0, 1), (*covariance)(1, 0), 1e-6 * covariance->norm());
-  const Eigen::Vector2d error = problem_.lenses[0].deviation - Eigen::Vector2d(0.06, -0.03);
+  const LensVector error = problem_.lenses[0].deviation - LensVector(0.06, -0.03, 0);
   // 99.9 % of chi-square with two degrees of freedom.
   EXPECT_LT(error.dot(covariance->inverse() * error), 13.8);
-  const Eigen::Matrix2d prior =
+  const LensMatrix prior =
       (problem_.lenses[0].sqrt_information.transpose() * problem_.lenses[0].sqrt_information)
           .inverse();
   EXPECT_LT(covariance->trace(), 0.5 * prior.trace());
