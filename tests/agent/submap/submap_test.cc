@@ -147,6 +147,24 @@ TEST_F(SubmapBuilderTest, IsFullByKeyframesDistanceOrRotation) {
   EXPECT_TRUE(builder_.IsFull(1.0));
 }
 
+// Poses of every second frame, twice as far apart as they were thought.
+TEST_F(SubmapBuilderTest, RestateMovesWhatLiesBetween) {
+  for (int i = 0; i < 7; ++i) AddKeyframe(i, {1});
+  builder_.Restate({{Timestamp(0), At(0)}, {Timestamp(2), At(0.04)}, {Timestamp(4), At(0.08)}});
+  // The distance is that of the new poses: 0.08, back to 0.05 and on to 0.06.
+  EXPECT_TRUE(builder_.IsFull(0.119 / options_.max_distance_depths));
+  EXPECT_FALSE(builder_.IsFull(0.121 / options_.max_distance_depths));
+  const Submap submap = builder_.Close({});
+  for (int i = 0; i < 7; ++i) {
+    const double x = i <= 4 ? 0.02 * i : 0.01 * i;  // those after the last pose stay
+    EXPECT_THAT(submap.frames[i].submap_from_camera, NearRigid(At(x), 1e-9)) << i;
+    EXPECT_THAT(submap.keyframes[i].submap_from_camera, NearRigid(At(x), 1e-9)) << i;
+    // No longer than 0.06 before, 0.12 now: in the new unit as unsure as they were.
+    EXPECT_NEAR(submap.keyframes[i].covariance(0, 0), 4, 1e-9);
+    EXPECT_NEAR(submap.keyframes[i].covariance(3, 3), 1, 1e-9);
+  }
+}
+
 TEST_F(SubmapBuilderTest, DescribesEveryNthKeyframe) {
   std::vector<int> described;
   for (int i = 0; i < 12; ++i) {
