@@ -134,8 +134,7 @@ bool CorrectionDispatcher::ServeAll() {
     const std::set<Key> changed = Follow(snapshot);
     for (auto& [key, session] : sessions_) {
       session.is_dirty = session.is_dirty || changed.contains(key);
-      if (session.sink.expired()) session.offers.reset();
-      const bool is_offered = session.offers != nullptr;
+      const bool is_offered = session.offers && !session.sink.expired();
       some_wait |= is_offered;
       if (!session.is_dirty && session.flushes.empty() && !is_offered) continue;
       deliveries.push_back(Plan(&session, states_[key], *snapshot));

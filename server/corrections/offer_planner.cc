@@ -57,7 +57,7 @@ Status OfferOptions::Validate() const {
   if (!(bytes_per_second >= 0) || !(burst_bytes > 0) || min_landmarks < 1 ||
       max_landmarks < min_landmarks || max_landmarks > static_cast<int>(kMaxLandmarksPerOffer) ||
       !(max_view_angle_rad > 0) || !(max_distance_of_depth > 0) || max_views < 1 ||
-      !(max_depth_sigma > 0) || !(moved > 0) || max_told_views < max_views || !(interval_s >= 0)) {
+      !(max_depth_sigma > 0) || !(moved > 0) || max_told_views < max_views) {
     return absl::InvalidArgumentError("offer options: a limit is out of range");
   }
   return absl::OkStatus();
@@ -106,11 +106,9 @@ std::vector<LandmarkOffer> OfferPlanner::Next(const States& own, const MapSnapsh
   RefillBudget(now);
   std::vector<LandmarkOffer> offers;
   if (bytes_per_second_ <= 0 || budget_bytes_ <= 0 || own.empty() ||
-      own.back()->world_from_camera.empty() ||
-      (last_look_ && ToSeconds(now - *last_look_) < options_.interval_s)) {
+      own.back()->world_from_camera.empty()) {
     return offers;
   }
-  last_look_ = now;
   Agent agent;
   agent.newest = own.back().get();
   agent.world_from_camera = PredictCamera(own, live_pose);

@@ -36,8 +36,6 @@ struct OfferOptions {
   // Views that the agent is taken to remember. No more than it does: what is forgotten here is told
   // anew when it is wanted.
   int max_told_views = 300;
-  // Time between two looks at what the agent sees.
-  double interval_s = 0.4;
   // Landmarks that are known worse than this share of their distance are left out.
   double max_depth_sigma = 0.1;
   // A view is told again when it has moved by this share of the scene's distance, turned by as many
@@ -103,7 +101,6 @@ class OfferPlanner {
   const double bytes_per_second_;
   double budget_bytes_;
   std::optional<Duration> last_refill_;
-  std::optional<Duration> last_look_;
   uint64_t takes_ = 0;
   std::map<uint64_t, Told> told_;  // by view
   std::set<LandmarkId> told_landmarks_;

@@ -143,12 +143,6 @@ TEST_F(OfferPlannerTest, PredictsTheCameraFromTheOpenSubmap) {
             1e-12);
 }
 
-TEST_F(OfferPlannerTest, LooksAtIntervals) {
-  EXPECT_EQ(Next(0).size(), 1u);
-  EXPECT_TRUE(Next(0.3).empty());
-  EXPECT_EQ(Next(0.5).size(), 1u);
-}
-
 // The agent forgets as well: a landmark of a forgotten view is offered again.
 TEST_F(OfferPlannerTest, ForgetsTheViewsToldFirst) {
   options_.max_views = options_.max_told_views = 1;
