@@ -166,7 +166,7 @@ TEST_F(AgentStreamTest, AgentThatNeverReadsIsCutOff) {
   auto agent = Connect("a");
   v1::SubmapUpload damaged = MakeTestUpload("a", 0);
   damaged.set_crc32c(damaged.crc32c() ^ 1);
-  // Some thousand answers fit into the buffers of the network.
+  // Some hundred answers fit into the network's buffers, a thousand are queued.
   int sent = 0;
   while (sent < 40000 && agent->SendUpload(damaged)) ++sent;
   EXPECT_LT(sent, 40000);
