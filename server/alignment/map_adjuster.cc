@@ -163,6 +163,7 @@ class WindowAdjustment {
       if (cameras.size() < static_cast<size_t>(options_.min_lens_keyframes)) continue;
       const ModelSubmap& submap = model_.submap(camera_names_[cameras.front()].first);
       if (options_.trust_distortion && submap.refined->camera->has_distortion()) continue;
+      if (model_.MainComponentOf(submap.refined->id) != submap.component) continue;
       for (const int camera : cameras) {
         problem_.cameras[camera].lens = static_cast<int>(problem_.lenses.size());
       }

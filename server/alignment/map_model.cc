@@ -53,6 +53,17 @@ void MapModel::SetComponent(SubmapId id, ComponentId component) {
   members_[component].insert(id);
 }
 
+ComponentId MapModel::MainComponentOf(SubmapId id) const {
+  const SubmapKey& key = submaps_.at(id).refined->raw->key;
+  std::map<ComponentId, size_t> sizes;
+  for (const SubmapId member : sessions_.at({key.agent, key.session}).submaps) {
+    ++sizes[submaps_.at(member).component];
+  }
+  return std::max_element(sizes.begin(), sizes.end(),
+                          [](const auto& a, const auto& b) { return a.second < b.second; })
+      ->first;
+}
+
 MapModel::Session& MapModel::SessionOf(const RefinedSubmap& refined) {
   return sessions_[{refined.raw->key.agent, refined.raw->key.session}];
 }
@@ -130,7 +141,11 @@ void MapModel::Restore(const PlacedSubmap& placed, const std::optional<SubmapRel
   SetComponent(placed.refined->id, placed.component);
   submap.world_from_submap = placed.world_from_submap;
   submap.world_from_camera = placed.world_from_camera;
-  if (placed.camera != nullptr) SetCameraModel(placed.refined->id, placed.camera);
+  // Components of one session may have been adjusted with different lenses.
+  if (placed.camera != nullptr && placed.camera->intrinsics() != submap.camera->intrinsics() &&
+      MainComponentOf(placed.refined->id) == placed.component) {
+    SetCameraModel(placed.refined->id, placed.camera);
+  }
   AttachLandmarks(placed.refined->id);
 }
 

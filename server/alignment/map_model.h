@@ -67,7 +67,8 @@ struct ModelSubmap {
   ComponentId component;
   Similarity3 world_from_submap;
   std::vector<Rigid3> world_from_camera;
-  // refined->camera with the lens as the map has found it; one for all submaps of the session.
+  // refined->camera with the lens as the map has found it; one for all submaps of the session, in
+  // whatever components.
   std::shared_ptr<const CameraModel> camera;
   // Connected neighbours of the session; the shared keyframe is the predecessor's last and this
   // one's first.
@@ -102,6 +103,9 @@ class MapModel {
   // Ascending.
   std::vector<SubmapId> SubmapsOf(ComponentId component) const;
   size_t SizeOf(ComponentId component) const;
+
+  // The component with most submaps of a submap's session, the oldest of such: its lens is theirs.
+  ComponentId MainComponentOf(SubmapId id) const;
 
   // Adds a submap: behind its predecessor if there is a link, else as a component of its own.
   void Add(std::shared_ptr<const RefinedSubmap> refined, const std::optional<SubmapRelation>& link);

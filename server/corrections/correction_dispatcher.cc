@@ -1,11 +1,13 @@
 #include "server/corrections/correction_dispatcher.h"
 
+#include <chrono>
 #include <utility>
 
 namespace portolan {
 namespace {
 
-// How often those that wait for their budget are looked at.
+// How often those that wait for their budget are looked at, and what is offered to an agent: its
+// planner goes through all of the map.
 constexpr auto kRetryInterval = std::chrono::milliseconds(500);
 
 }  // namespace
@@ -39,8 +41,10 @@ void CorrectionDispatcher::Connect(const Key& session, uint64_t received_map_ver
     Session& entry = sessions_[session];
     if (!entry.planner) entry.planner = std::make_unique<CorrectionPlanner>(options_);
     entry.offers = offered_bytes_per_second > 0 && offer_options_.bytes_per_second > 0
-                       ? std::make_unique<OfferPlanner>(offer_options_, offered_bytes_per_second)
+                       ? std::make_unique<OfferPlanner>(offer_options_, offered_bytes_per_second,
+                                                        depths_)
                        : nullptr;
+    entry.next_offers = {};
     entry.sink = std::move(sink);
     entry.resumes = true;
     entry.is_dirty = true;
@@ -132,12 +136,14 @@ bool CorrectionDispatcher::ServeAll() {
     // Taken under the lock, so that no flush is answered from a map that is older than its call.
     snapshot = hub_->Get();
     const std::set<Key> changed = Follow(snapshot);
+    const Duration now = std::chrono::steady_clock::now().time_since_epoch();
     for (auto& [key, session] : sessions_) {
       session.is_dirty = session.is_dirty || changed.contains(key);
-      const bool is_offered = session.offers && !session.sink.expired();
-      some_wait |= is_offered;
+      if (session.sink.expired()) session.offers.reset();
+      some_wait |= session.offers != nullptr;
+      const bool is_offered = session.offers && now >= session.next_offers;
       if (!session.is_dirty && session.flushes.empty() && !is_offered) continue;
-      deliveries.push_back(Plan(&session, states_[key], *snapshot));
+      deliveries.push_back(Plan(&session, states_[key], *snapshot, now));
       some_wait |= session.planner && session.planner->has_deferred();
     }
   }
@@ -150,7 +156,8 @@ bool CorrectionDispatcher::ServeAll() {
 
 CorrectionDispatcher::Delivery CorrectionDispatcher::Plan(Session* session,
                                                           const CorrectionPlanner::States& states,
-                                                          const MapSnapshot& snapshot) {
+                                                          const MapSnapshot& snapshot,
+                                                          Duration now) {
   Delivery delivery;
   delivery.sink = session->sink.lock();
   if (!delivery.sink || !delivery.sink->IsReady()) return delivery;
@@ -158,11 +165,11 @@ CorrectionDispatcher::Delivery CorrectionDispatcher::Plan(Session* session,
     session->planner->Resume(session->received_map_version, states, snapshot.version);
     session->resumes = false;
   }
-  const auto now = std::chrono::steady_clock::now().time_since_epoch();
   const bool is_ending = !session->flushes.empty();
   delivery.correction = session->planner->Next(states, snapshot, now, is_ending);
   session->is_dirty = session->planner->has_deferred();
-  if (session->offers && !is_ending) {
+  if (session->offers && !is_ending && now >= session->next_offers) {
+    session->next_offers = now + kRetryInterval;
     std::vector<LandmarkOffer> offers =
         session->offers->Next(states, snapshot, delivery.sink->NewestPose(), now);
     if (!offers.empty() && !delivery.correction) {

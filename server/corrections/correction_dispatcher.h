@@ -56,7 +56,8 @@ class CorrectionDispatcher {
  private:
   struct Session {
     std::unique_ptr<CorrectionPlanner> planner;
-    std::unique_ptr<OfferPlanner> offers;  // null if the agent wants none
+    std::unique_ptr<OfferPlanner> offers;  // null if the agent wants none, or is gone
+    Duration next_offers{};
     std::weak_ptr<CorrectionSink> sink;
     bool resumes = false;
     // Something changed since its agent was last told all.
@@ -85,7 +86,7 @@ class CorrectionDispatcher {
   // the comparison of a pointer.
   std::set<Key> Follow(std::shared_ptr<const MapSnapshot> snapshot);
   Delivery Plan(Session* session, const CorrectionPlanner::States& states,
-                const MapSnapshot& snapshot);
+                const MapSnapshot& snapshot, Duration now);
 
   const CorrectionOptions options_;
   const OfferOptions offer_options_;
@@ -105,6 +106,7 @@ class CorrectionDispatcher {
   std::shared_ptr<const MapSnapshot> followed_;
   std::map<Key, CorrectionPlanner::States> states_;
   std::vector<Place> places_;
+  const std::shared_ptr<SubmapDepths> depths_ = std::make_shared<SubmapDepths>();
 
   std::mutex mutex_;
   std::map<Key, Session> sessions_;  // guarded by mutex_

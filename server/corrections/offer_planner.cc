@@ -87,9 +87,17 @@ Rigid3 PredictCamera(const OfferPlanner::States& own, const std::optional<LivePo
   return last;
 }
 
-OfferPlanner::OfferPlanner(const OfferOptions& options, double wanted_bytes_per_second)
+double SubmapDepths::Of(const RefinedSubmap& refined) {
+  const auto [entry, is_new] = depths_.try_emplace(refined.id, 0.0);
+  if (is_new) entry->second = MedianDepth(refined);
+  return entry->second;
+}
+
+OfferPlanner::OfferPlanner(const OfferOptions& options, double wanted_bytes_per_second,
+                           std::shared_ptr<SubmapDepths> depths)
     : options_(options),
       bytes_per_second_(std::min(options.bytes_per_second, wanted_bytes_per_second)),
+      depths_(std::move(depths)),
       budget_bytes_(options.burst_bytes) {}
 
 void OfferPlanner::RefillBudget(Duration now) {
@@ -148,15 +156,13 @@ std::vector<OfferPlanner::View> OfferPlanner::FindViews(const Agent& agent,
       continue;
     }
     const auto& keyframes = state->refined->raw->keyframes;
-    double depth = 0;
+    const double depth = state->world_from_submap.scale * depths_->Of(*state->refined);
     for (size_t k = 0; k < std::min(keyframes.size(), state->world_from_camera.size()); ++k) {
-      if (keyframes[k].features.empty()) continue;
       const Rigid3& camera = state->world_from_camera[k];
+      const double away = (camera.translation - agent.world_from_camera.translation).norm() / depth;
+      if (!(away < options_.max_distance_of_depth) || keyframes[k].features.empty()) continue;
       const double cosine = Forward(camera).dot(forward);
       if (cosine < min_cosine) continue;
-      if (depth == 0) depth = state->world_from_submap.scale * MedianDepth(*state->refined);
-      const double away = (camera.translation - agent.world_from_camera.translation).norm() / depth;
-      if (!(away < options_.max_distance_of_depth)) continue;
       views.push_back({state, static_cast<int>(k), depth,
                        away / options_.max_distance_of_depth +
                            std::acos(std::min(1.0, cosine)) / options_.max_view_angle_rad});

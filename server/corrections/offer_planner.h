@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <set>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
@@ -45,6 +46,16 @@ struct OfferOptions {
   Status Validate() const;
 };
 
+// Of every submap that was asked for: the median depth of its landmarks, in its units. Shared by the
+// planners of a map, which all look at most of its submaps again and again. Thread-compatible.
+class SubmapDepths {
+ public:
+  double Of(const RefinedSubmap& refined);
+
+ private:
+  std::unordered_map<SubmapId, double> depths_;
+};
+
 // Remembers what the agent was told. Of the landmarks in the agent's view those that it has not
 // been told of and that no submap of its own sees are offered, the best known ones in each part of
 // the image first. Thread-compatible. `now` is a monotonic clock's time.
@@ -53,7 +64,8 @@ class OfferPlanner {
   // States of the agent's session in ascending sequence number.
   using States = std::vector<std::shared_ptr<const SubmapState>>;
 
-  OfferPlanner(const OfferOptions& options, double wanted_bytes_per_second);
+  OfferPlanner(const OfferOptions& options, double wanted_bytes_per_second,
+               std::shared_ptr<SubmapDepths> depths);
 
   // What to send now. The caller must send it.
   std::vector<LandmarkOffer> Next(const States& own, const MapSnapshot& snapshot,
@@ -99,6 +111,7 @@ class OfferPlanner {
 
   const OfferOptions options_;
   const double bytes_per_second_;
+  const std::shared_ptr<SubmapDepths> depths_;
   double budget_bytes_;
   std::optional<Duration> last_refill_;
   uint64_t takes_ = 0;

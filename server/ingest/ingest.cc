@@ -115,8 +115,22 @@ void Ingest::Submit(const SessionName& session, const v1::SubmapUpload& upload,
     pending->done(Stopping());
     return;
   }
+  // What the session sent on a stream before: each connection would leave one behind, and the
+  // verdict belongs to the newest.
+  const auto is_older = [&](const Pending& other) {
+    return other.key.agent == session.agent && other.key.session == session.session;
+  };
+  std::vector<VerdictCallback> replaced;
+  for (Pending& other : pending_) {
+    if (is_older(other)) replaced.push_back(std::move(other.done));
+  }
+  std::erase_if(pending_, is_older);
   pending_.push_back(*std::move(pending));
   wake_.notify_one();
+  lock.unlock();
+  for (const VerdictCallback& answer : replaced) {
+    answer(absl::UnavailableError("the session sent a submap on another stream"));
+  }
 }
 
 void Ingest::FinishSession(const SessionName& session, std::function<void(Status)> done) {

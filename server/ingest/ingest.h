@@ -64,7 +64,8 @@ class Ingest {
   // impossible camera, FailedPrecondition if it contradicts the known session or lockstep.
   StatusOr<uint32_t> OpenSession(const SessionHello& hello);
 
-  // Judges and commits one upload of the session.
+  // Judges and commits one upload of the session. One at a time waits: a later one answers it with
+  // Unavailable.
   void Submit(const SessionName& session, const v1::SubmapUpload& upload, VerdictCallback done);
 
   // No submaps of the session follow. Calls `done` once the map may settle: at once, or in

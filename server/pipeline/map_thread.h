@@ -29,8 +29,9 @@ struct MapThreadOptions {
   // While submaps keep coming the map is saved this often; what was not saved is integrated again
   // after a crash. A save of a large solve takes a second and holds up commits.
   Duration save_interval = std::chrono::seconds(5);
-  // How long a submap that is ready may wait for background work. Interrupted at once, background
-  // work would get nothing done between the submaps of a hundred agents.
+  // How long a submap that is ready may wait for background work; longer by the preparation of
+  // another one that has begun. Interrupted at once, background work would get nothing done between
+  // the submaps of a hundred agents.
   Duration background_patience = std::chrono::milliseconds(200);
   // Background work is completed and the map saved after every single submap, so that the result
   // depends on the order of submaps only, not on time, and survives a crash to the bit.

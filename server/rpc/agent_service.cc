@@ -15,9 +15,9 @@ class RefusedStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::Serve
 }  // namespace
 
 grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerMessage>* AgentServiceImpl::Connect(
-    grpc::CallbackServerContext*) {
+    grpc::CallbackServerContext* context) {
   if (!streams_->Admit()) return new RefusedStream();
-  return AgentStream::Start(server_, streams_).get();
+  return AgentStream::Start(server_, streams_, context).get();
 }
 
 }  // namespace portolan

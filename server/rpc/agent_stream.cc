@@ -9,10 +9,18 @@
 #include "server/rpc/grpc_status.h"
 
 namespace portolan {
+namespace {
+
+// An agent has one submap in flight that waits for its verdict, and is sent corrections one after
+// the other: one that lets so many messages lie does not read.
+constexpr size_t kMaxOutgoing = 1024;
+
+}  // namespace
 
 std::shared_ptr<AgentStream> AgentStream::Start(const ServerContext& server,
-                                                std::shared_ptr<AgentStreams> streams) {
-  std::shared_ptr<AgentStream> stream(new AgentStream(server, std::move(streams)));
+                                                std::shared_ptr<AgentStreams> streams,
+                                                grpc::CallbackServerContext* call) {
+  std::shared_ptr<AgentStream> stream(new AgentStream(server, std::move(streams), call));
   stream->self_ = stream;
   stream->Read();
   return stream;
@@ -22,12 +30,12 @@ void AgentStream::Read() {
   {
     const std::lock_guard lock(mutex_);
     if (end_) return;
-    ++starting_reads_;
+    ++starting_;
   }
   StartRead(&incoming_);
   {
     const std::lock_guard lock(mutex_);
-    --starting_reads_;
+    --starting_;
   }
   Advance();
 }
@@ -152,13 +160,30 @@ std::optional<LivePose> AgentStream::NewestPose() const {
 }
 
 void AgentStream::Write(v1::ServerMessage message) {
+  bool is_read = true;
   {
     const std::lock_guard lock(mutex_);
     if (end_) return;
-    if (message.has_correction()) ++corrections_outgoing_;
-    outgoing_.push_back(std::move(message));
+    is_read = outgoing_.size() < kMaxOutgoing;
+    if (is_read) {
+      if (message.has_correction()) ++corrections_outgoing_;
+      outgoing_.push_back(std::move(message));
+    } else {
+      has_failed_ = true;
+      end_ = absl::ResourceExhaustedError("the agent does not read its answers");
+      ++starting_;
+    }
   }
+  if (!is_read) Cancel();
   Advance();
+}
+
+void AgentStream::Cancel() {
+  LogWarning("agent ", session_ ? session_->agent.value() : "", " does not read its answers: ",
+             "its stream is ended");
+  call_->TryCancel();
+  const std::lock_guard lock(mutex_);
+  --starting_;
 }
 
 void AgentStream::OnWriteDone(bool ok) {
@@ -201,7 +226,7 @@ void AgentStream::Advance() {
     if (!outgoing_.empty() && !has_failed_) {
       is_writing_ = true;
       to_write = &outgoing_.front();
-    } else if (end_ && starting_reads_ == 0) {
+    } else if (end_ && starting_ == 0) {
       is_finished_ = true;
       to_finish = end_;
     }

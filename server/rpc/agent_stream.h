@@ -21,14 +21,15 @@ class AgentStreams;
 // Keeps itself alive until gRPC is done with it.
 //
 // gRPC forbids operations after Finish and may call back on the thread that starts one. So an
-// operation is announced under the lock (is_writing_, starting_reads_), started outside of it, and
-// Finish waits until none is announced.
+// operation is announced under the lock (is_writing_, starting_), started outside of it, and Finish
+// waits until none is announced.
 class AgentStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerMessage>,
                     public CorrectionSink,
                     public std::enable_shared_from_this<AgentStream> {
  public:
   static std::shared_ptr<AgentStream> Start(const ServerContext& server,
-                                            std::shared_ptr<AgentStreams> streams);
+                                            std::shared_ptr<AgentStreams> streams,
+                                            grpc::CallbackServerContext* call);
 
   // Ends the stream with this status after what is queued was written.
   void End(const Status& status);
@@ -43,8 +44,9 @@ class AgentStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerM
   std::optional<LivePose> NewestPose() const override;
 
  private:
-  AgentStream(const ServerContext& server, std::shared_ptr<AgentStreams> streams)
-      : server_(server), streams_(std::move(streams)) {}
+  AgentStream(const ServerContext& server, std::shared_ptr<AgentStreams> streams,
+              grpc::CallbackServerContext* call)
+      : server_(server), streams_(std::move(streams)), call_(call) {}
 
   void Handle(const v1::AgentMessage& message);
   void HandleHello(const v1::Hello& message);
@@ -56,11 +58,14 @@ class AgentStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerM
 
   void Read();
   void Write(v1::ServerMessage message);
+  // Ends the stream of an agent that does not read: what is queued cannot be written before the end.
+  void Cancel();
   // Starts the next write or Finish, if it is time.
   void Advance();
 
   const ServerContext server_;
   const std::shared_ptr<AgentStreams> streams_;
+  grpc::CallbackServerContext* const call_;  // lives until OnDone
   std::shared_ptr<AgentStream> self_;
   // Set by Hello, on the thread of the read; read later by the same chain of reads.
   std::optional<SessionName> session_;
@@ -76,7 +81,7 @@ class AgentStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerM
   std::deque<v1::ServerMessage> outgoing_;  // the front is being written if is_writing_
   int corrections_outgoing_ = 0;
   bool is_writing_ = false;
-  int starting_reads_ = 0;
+  int starting_ = 0;  // reads, and a cancellation
   bool has_failed_ = false;  // the peer is gone: nothing more can be written
   std::optional<Status> end_;
   bool is_finished_ = false;

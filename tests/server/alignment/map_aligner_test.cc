@@ -211,6 +211,34 @@ TEST_F(MapAlignerTest, CovarianceGrowsAlongTheChain) {
   EXPECT_GT(aligner_.Covariance(SubmapId(6))(6, 6), aligner_.Covariance(SubmapId(2))(6, 6));
 }
 
+// A submap that comes while a relaxation is interrupted moves with its predecessor's end.
+TEST_F(MapAlignerTest, SubmapThatCameDuringARelaxationKeepsItsShape) {
+  SyntheticSubmapsOptions world;
+  world.agents = {{0, 3, 6, 1.5}};
+  Make(world);
+  MapAlignerOptions options;
+  options.full_component_submaps = 3;
+  options.region_submaps = 1;
+  aligner_ = MapAligner(options);
+  for (size_t i = 0; i + 1 < refined_.size(); ++i) aligner_.AddSubmap(refined_[i]);
+  const std::atomic<bool> at_once = true;
+  aligner_.AdjustStaleComponent(at_once);  // begins the relaxation
+  aligner_.AddSubmap(refined_.back());
+  const std::vector<Rigid3> before = aligner_.model().submap(SubmapId(6)).world_from_camera;
+  const std::atomic<bool> never = false;
+  aligner_.AdjustStaleComponent(never);
+  const std::vector<Rigid3>& after = aligner_.model().submap(SubmapId(6)).world_from_camera;
+  const auto length = [](const std::vector<Rigid3>& cameras, size_t from) {
+    return (cameras[from + 1].translation - cameras[from].translation).norm();
+  };
+  EXPECT_GT((after[0].translation - before[0].translation).norm(), 0.1 * length(before, 0));
+  for (size_t i = 1; i + 1 < after.size(); ++i) {
+    EXPECT_NEAR(length(after, i) / length(after, 0), length(before, i) / length(before, 0), 1e-6);
+  }
+  EXPECT_EQ(aligner_.model().submap(SubmapId(5)).world_from_camera.back().translation,
+            after.front().translation);
+}
+
 TEST_F(MapAlignerTest, TouchedSubmapsAreReportedOnce) {
   Make(TwoAgents());
   aligner_.AddSubmap(refined_[0]);

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <chrono>
 #include <map>
+#include <thread>
 
 #include "server/refinement/submap_refiner.h"
 #include "tests/support/synthetic_submaps.h"
@@ -139,6 +142,50 @@ TEST_F(MapRelaxationTest, InterruptedAtOnceChangesNothing) {
   const std::atomic<bool> interrupt = true;
   EXPECT_TRUE(RelaxSubmaps({}, {}, ids_, &interrupt, &model_).interrupted);
   EXPECT_EQ(Positions(), before);
+}
+
+TEST_F(MapRelaxationTest, InterruptedAgainAndAgainItComesToTheSame) {
+  Make(false);
+  Bend();
+  MapModel at_once = model_;
+  MapRelaxation whole({}, {}, ids_, at_once, nullptr);
+  EXPECT_TRUE(whole.Run(nullptr));
+  const auto ends = whole.ApplyTo(&at_once);
+
+  MapRelaxation broken({}, {}, ids_, model_, nullptr);
+  std::atomic<bool> interrupt = false;
+  std::atomic<bool> done = false;
+  std::thread other([&] {
+    while (!done) {
+      std::this_thread::sleep_for(std::chrono::microseconds(200));
+      interrupt = true;
+    }
+  });
+  int interruptions = 0;
+  while (!broken.Run(&interrupt)) {
+    EXPECT_TRUE(broken.summary().interrupted);
+    ++interruptions;
+    interrupt = false;
+  }
+  done = true;
+  other.join();
+  EXPECT_GT(interruptions, 5);
+  EXPECT_FALSE(broken.summary().interrupted);
+  EXPECT_EQ(broken.summary().iterations, whole.summary().iterations);
+  EXPECT_EQ(broken.summary().initial_cost, whole.summary().initial_cost);
+  EXPECT_EQ(broken.summary().final_cost, whole.summary().final_cost);
+  const auto broken_ends = broken.ApplyTo(&model_);
+  ASSERT_EQ(broken_ends.size(), ends.size());
+  for (const auto& [id, end] : ends) {
+    EXPECT_EQ(broken_ends.at(id).translation, end.translation);
+    for (size_t k = 0; k < model_.submap(id).world_from_camera.size(); ++k) {
+      EXPECT_EQ(model_.submap(id).world_from_camera[k].translation,
+                at_once.submap(id).world_from_camera[k].translation);
+    }
+  }
+  for (size_t i = 0; i < model_.landmarks().size(); ++i) {
+    EXPECT_EQ(model_.landmarks()[i].point_in_world, at_once.landmarks()[i].point_in_world);
+  }
 }
 
 TEST(MapRelaxationOptions, RefusesNonsense) {

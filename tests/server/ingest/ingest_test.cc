@@ -132,6 +132,26 @@ TEST_F(IngestTest, WhatWaitsDuringACommitIsCommittedAtOnce) {
   EXPECT_THAT(store_.group_sizes(), ElementsAre(1, 3));
 }
 
+// A connection broke while a submap waited, and the agent sent it again: each of them would stay,
+// and the second be rejected.
+TEST_F(IngestTest, OnlyTheNewestUploadOfASessionWaits) {
+  Start();
+  for (const char* agent : {"a", "b"}) ingest_->OpenSession(TestHello(agent)).value();
+  store_.Hold();
+  auto b0 = Submit("b", 0);
+  store_.WaitUntilHeld();
+  std::vector<std::future<StatusOr<IngestVerdict>>> repeated;
+  for (int i = 0; i < 20; ++i) repeated.push_back(Submit("a", 0));
+  for (int i = 0; i < 19; ++i) {
+    ASSERT_EQ(repeated[i].wait_for(std::chrono::seconds(0)), std::future_status::ready);
+    EXPECT_TRUE(absl::IsUnavailable(repeated[i].get().status()));
+  }
+  store_.Release();
+  EXPECT_TRUE(repeated.back().get()->accepted);
+  EXPECT_TRUE(b0.get()->accepted);
+  EXPECT_THAT(integrated(), ElementsAre("b/0", "a/0"));
+}
+
 TEST_F(IngestTest, FailedCommitIsUnavailableNeverAccepted) {
   Start();
   ASSERT_TRUE(ingest_->OpenSession(TestHello("a")).ok());

@@ -106,6 +106,53 @@ TEST(MapBuilder, LensOfTheSessionIsKnownToANewSubmapOfAContinuedMap) {
   EXPECT_NE(continued->snapshot()->submaps.back()->camera, mission.camera);
 }
 
+// Of a session that lost its track, the small second component does not know the lens better than
+// the first, whose map is made with it.
+TEST(MapBuilder, LensIsThatOfTheSessionsLargestComponent) {
+  SyntheticSubmapsOptions options;
+  options.agents = {{0, 3, 6, 1.5}, {3.8, 4.6, 3, 0.3}};
+  SyntheticMission mission = MakeSyntheticMission(options);
+  mission.camera =
+      std::make_shared<const CameraModel>(mission.camera->WithRadial({0.05, -0.02}).value());
+  MapBuilderOptions doubting;
+  doubting.aligner.adjuster.trust_distortion = false;
+  const auto builder = MakeBuilder(doubting);
+  SubmapKey key;
+  for (const int agent : {0, 1}) {
+    for (size_t i = 0; i < mission.submaps.size(); ++i) {
+      if (mission.agent_of_submap[i] != agent) continue;
+      Submap raw = *mission.submaps[i].submap;
+      if (agent == 1) {
+        raw.key = {key.agent, key.session, raw.key.sequence_number + 100};
+      } else {
+        key = raw.key;
+      }
+      builder->IntegrateSubmap({SubmapId(static_cast<int64_t>(10 * agent + i + 1)),
+                                std::make_shared<const Submap>(raw), mission.camera});
+      Polish(builder.get());
+    }
+  }
+  const auto snapshot = builder->snapshot();
+  ASSERT_EQ(snapshot->components.size(), 2u);
+  EXPECT_GT(AddedRadial(*snapshot->submaps.front()).norm(), 0.03);
+  for (const auto& state : snapshot->submaps) {
+    EXPECT_EQ(AddedRadial(*state), AddedRadial(*snapshot->submaps.front()));
+  }
+  // A stored map in which the second component still has an older lens.
+  auto stored = std::make_shared<MapSnapshot>(*snapshot);
+  for (auto& state : stored->submaps) {
+    if (state->component == ComponentId(1)) continue;
+    auto older = std::make_shared<SubmapState>(*state);
+    older->camera = mission.camera;
+    state = older;
+  }
+  const auto continued = MakeBuilder(doubting);
+  continued->Restore(stored);
+  continued->RunBackgroundWork(true);
+  EXPECT_EQ(AddedRadial(*continued->snapshot()->submaps.front()),
+            AddedRadial(*snapshot->submaps.front()));
+}
+
 TEST(MapBuilder, ThreeAgentsBecomeOneComponent) {
   const SyntheticMission mission = MakeSyntheticMission(ThreeAgents());
   const auto builder = MakeBuilder();

@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <future>
+#include <thread>
 
 #include "tests/server/support/fake_map_engine.h"
 #include "tests/server/support/memory_map_store.h"
@@ -83,6 +85,78 @@ TEST_F(MapThreadTest, NewSubmapInterruptsBackgroundWork) {
   const std::vector<std::string> events = probe_->events();
   EXPECT_THAT(std::vector<std::string>(events.begin(), events.begin() + 4),
               ElementsAre("integrate a/0", "background", "interrupted", "integrate a/1"));
+}
+
+TEST_F(MapThreadTest, ReadySubmapWaitsForBackgroundWorkThatEndsInTime) {
+  MapThreadOptions options;
+  options.background_patience = std::chrono::hours(1);
+  probe_->SetBackgroundEndless(true);
+  Start(options, {.has_background_work = true});
+  thread_->Push({MakeInput(0)});
+  probe_->WaitForEvent("background");
+  thread_->Push({MakeInput(1)});
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "background"));
+  probe_->SetBackgroundEndless(false);
+  Settle();
+  EXPECT_THAT(probe_->events(),
+              ElementsAre("integrate a/0", "background", "integrate a/1", "background"));
+}
+
+TEST_F(MapThreadTest, ReadySubmapInterruptsBackgroundWorkAfterItsPatience) {
+  MapThreadOptions options;
+  options.background_patience = std::chrono::milliseconds(300);
+  probe_->SetBackgroundEndless(true);
+  Start(options, {.has_background_work = true});
+  thread_->Push({MakeInput(0)});
+  probe_->WaitForEvent("background");
+  const auto pushed = std::chrono::steady_clock::now();
+  // Those that come meanwhile do not make the oldest wait longer.
+  std::atomic<bool> stop = false;
+  std::thread others([&] {
+    for (uint32_t number = 1; !stop && number < 200; ++number) {
+      thread_->Push({MakeInput(number)});
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
+  });
+  probe_->WaitForEvent("integrate a/1");
+  const auto waited = std::chrono::steady_clock::now() - pushed;
+  stop = true;
+  others.join();
+  probe_->SetBackgroundEndless(false);
+  Settle();
+  EXPECT_GE(waited, options.background_patience);
+  EXPECT_LT(waited, std::chrono::seconds(5));
+  EXPECT_EQ(probe_->events()[2], "interrupted");
+}
+
+TEST_F(MapThreadTest, WithoutPatienceASubmapInterruptsAtOnceAndOftenEnough) {
+  MapThreadOptions options;
+  options.background_patience = {};
+  probe_->SetBackgroundEndless(true);
+  Start(options, {.has_background_work = true});
+  for (uint32_t number = 0; number < 50; ++number) {
+    thread_->Push({MakeInput(number)});
+    probe_->WaitForEvent("integrate a/" + std::to_string(number));
+  }
+  probe_->SetBackgroundEndless(false);
+  Settle();
+  EXPECT_THAT(hub_.Get()->submaps, SizeIs(50));
+}
+
+TEST_F(MapThreadTest, LockstepIgnoresTheClock) {
+  MapThreadOptions options;
+  options.background_patience = {};
+  options.lockstep = true;
+  probe_->SetBackgroundEndless(true);
+  Start(options, {.has_background_work = true});
+  thread_->Push({MakeInput(0), MakeInput(1), MakeInput(2)});
+  probe_->WaitForEvent("background");
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "background"));
+  probe_->SetBackgroundEndless(false);
+  Settle();
+  EXPECT_THAT(hub_.Get()->submaps, SizeIs(3));
 }
 
 TEST_F(MapThreadTest, LockstepCompletesBackgroundWorkAfterEverySubmap) {

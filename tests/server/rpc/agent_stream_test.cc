@@ -4,6 +4,7 @@
 #include <future>
 #include <thread>
 
+#include "common/base/logging.h"
 #include "tests/server/rpc/server_fixture.h"
 
 namespace portolan {
@@ -157,6 +158,21 @@ TEST_F(AgentStreamTest, LivePoseIsPlacedByThePredecessor) {
   EXPECT_TRUE(session.connected());
   // Submap 0 lies at x = 10 with scale 2, its last keyframe one unit on; then half a unit more.
   EXPECT_DOUBLE_EQ(session.world_from_camera().translation().x(), 13);
+}
+
+TEST_F(AgentStreamTest, AgentThatNeverReadsIsCutOff) {
+  SetLogLevel(LogLevel::kError);  // a line for every submap otherwise
+  Start();
+  auto agent = Connect("a");
+  v1::SubmapUpload damaged = MakeTestUpload("a", 0);
+  damaged.set_crc32c(damaged.crc32c() ^ 1);
+  // Some hundred answers fit into the network's buffers, a thousand are queued.
+  int sent = 0;
+  while (sent < 40000 && agent->SendUpload(damaged)) ++sent;
+  EXPECT_LT(sent, 40000);
+  EXPECT_EQ(agent->status().error_code(), grpc::StatusCode::CANCELLED);
+  auto again = Connect("a");
+  Upload(again.get(), "a", welcome_->next_sequence_number(), 3);
 }
 
 TEST_F(AgentStreamTest, TooManyAgentsAreTurnedAway) {

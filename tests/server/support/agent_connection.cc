@@ -8,6 +8,8 @@ AgentConnection::AgentConnection(const std::string& address) {
   grpc::ChannelArguments arguments;
   // Each connection of its own, as those of different agents are.
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+  // What is not read fills 64 kB and no more, however fast the machine is.
+  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
   stub_ = v1::AgentService::NewStub(
       grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments));
   stream_ = stub_->Connect(&context_);
