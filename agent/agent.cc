@@ -68,6 +68,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(imu.Validate());
   PORTOLAN_RETURN_IF_ERROR(odometry.Validate());
   PORTOLAN_RETURN_IF_ERROR(stereo.Validate());
+  PORTOLAN_RETURN_IF_ERROR(range.Validate());
   PORTOLAN_RETURN_IF_ERROR(local_adjustment.Validate());
   PORTOLAN_RETURN_IF_ERROR(revisit.Validate());
   if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
@@ -90,8 +91,14 @@ StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options,
   PORTOLAN_ASSIGN_OR_RETURN(
       auto filter, LocalFilter::Create(options.filter, camera,
                                        std::make_unique<ConstantVelocityModel>(options.motion)));
-  return std::unique_ptr<Agent>(new Agent(options, camera, SubmapKey{std::move(agent), session, 0},
+  std::unique_ptr<Agent> result(new Agent(options, camera, SubmapKey{std::move(agent), session, 0},
                                           std::move(tracker), std::move(filter), sensors));
+  if (sensors.range_finder) {
+    PORTOLAN_ASSIGN_OR_RETURN(auto ranges,
+                              RangeScale::Create(options.range, *sensors.range_finder, camera));
+    result->ranges_.emplace(std::move(ranges));
+  }
+  return result;
 }
 
 Agent::Agent(const AgentOptions& options, const CameraModel& camera, const SubmapKey& key,
@@ -121,6 +128,16 @@ Agent::Agent(const AgentOptions& options, const CameraModel& camera, const Subma
 void Agent::AddImu(std::span<const ImuSample> samples) { imu_samples_.Add(samples); }
 
 void Agent::AddOdometry(std::span<const OdometrySample> samples) { odometry_samples_.Add(samples); }
+
+void Agent::AddRanges(std::span<const RangeSample> samples) {
+  if (ranges_) ranges_->AddSamples(samples);
+}
+
+RangeSampleCounts Agent::range_sample_counts() const {
+  return ranges_ ? ranges_->sample_counts() : RangeSampleCounts();
+}
+
+RangeCounts Agent::range_counts() const { return ranges_ ? ranges_->counts() : RangeCounts(); }
 
 void Agent::AddGnss(std::span<const GnssFix> fixes) {
   fixes_.insert(fixes_.end(), fixes.begin(), fixes.end());
@@ -200,6 +217,7 @@ Status Agent::CheckFrame(Timestamp time, const cv::Mat& gray, const cv::Mat& sec
 void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
   inertial_ = false;
   if (initializer_) initializer_->Reset();
+  if (ranges_) ranges_->Reset();
   landmarks_.Reset();
   depths_.Reset();
   health_.Reset();
@@ -260,31 +278,6 @@ int Agent::UpdateFilter() {
   measured_ = static_cast<int>(update.inliers.size());
   depths_.AddFrame(filter_->submap_from_camera(), tracker_->points());
   return measured_;
-}
-
-void Agent::SeekScale(Timestamp time) {
-  if (!initializer_ || inertial_ || health_.last_frame_bad()) return;
-  initializer_->AddFrame(time, filter_->submap_from_camera(),
-                         MeasurementsOf(tracker_->points(), [this](TrackId track) {
-                           return landmarks_.IsLandmark(track) && !landmarks_.WasOutlier(track);
-                         }));
-  const auto found =
-      initializer_->Attempt(filter_->Landmarks(), 1.0 / filter_->median_inverse_depth());
-  if (!found) return;
-  const Rigid3 camera = filter_->submap_from_camera();
-  const ImuMount& imu = *sensors_.imu;
-  auto model = std::make_unique<ImuMotionModel>(options_.imu.model, imu.calibration,
-                                                imu.imu_from_camera, &imu_samples_);
-  const Rigid3 metric_camera = {camera.rotation, found->scale * camera.translation};
-  model->Set(time, metric_camera * imu.imu_from_camera.Inverse(), found->state);
-  filter_->ChangeMotion(std::move(model), ChangeToInertial(*found, camera, imu.imu_from_camera,
-                                                           filter_->state().motion_dim()));
-  builder_.Rescale(found->scale);
-  depths_.Rescale(found->scale);
-  found_scale_ = inertial_ = true;
-  link_keeps_units_ = false;
-  LogInfo("IMU aligned: one unit was ", found->scale, " m (+-",
-          100 * std::sqrt(found->covariance(0, 0)), " %)");
 }
 
 void Agent::Remove(const LandmarkRemovals& removals) {
@@ -384,10 +377,12 @@ void Agent::TakeFixes(Submap* submap) {
 
 std::optional<Submap> Agent::CloseIfFull(Timestamp time) {
   if (!is_keyframe_ || !builder_.IsFull(1.0 / filter_->median_inverse_depth())) return std::nullopt;
+  CorrectScale();
   auto closed = TakeSubmap(builder_.Close(filter_->Landmarks()), 2);
   predecessor_from_submap_ = filter_->BeginSubmap();
   if (initializer_) initializer_->Rebase(predecessor_from_submap_);
   depths_.Rebase(predecessor_from_submap_);
+  if (ranges_) ranges_->Rebase(predecessor_from_submap_);
   OpenSubmap(LinkType::kConnected);
   builder_.AddFrame(time, Rigid3::Identity());
   AddKeyframe(time);
@@ -411,6 +406,7 @@ std::optional<Submap> Agent::Finish() {
   if (!tracking_) return std::nullopt;
   tracking_ = false;
   if (!is_keyframe_ && !health_.last_frame_bad()) AddKeyframe(*last_time_);
+  CorrectScale();
   return TakeSubmap(builder_.Close(filter_->Landmarks()), 2);
 }
 

@@ -19,6 +19,7 @@
 #include "agent/local_adjustment/local_adjustment.h"
 #include "agent/odometry/odometry_buffer.h"
 #include "agent/odometry/odometry_motion_model.h"
+#include "agent/range/range_scale.h"
 #include "agent/revisit/revisit_options.h"
 #include "agent/stereo/stereo_matcher.h"
 #include "agent/submap/keyframe_selector.h"
@@ -52,7 +53,7 @@ struct ImuMount {
 };
 
 // What a vehicle has besides its camera: nothing, or any of wheel odometry and a second camera, or
-// an IMU alone.
+// an IMU alone; a laser range finder with any of them.
 struct VehicleSensors {
   std::optional<ImuMount> imu;
   // Of the wheel odometry: where the camera sits in the frame that it gives the pose of.
@@ -60,6 +61,7 @@ struct VehicleSensors {
   std::optional<StereoMount> second_camera;
   // Of the satellite receiver, whose positions travel with the submaps and change nothing else.
   Eigen::Vector3d antenna_in_camera_m = Eigen::Vector3d::Zero();
+  std::optional<RangeFinder> range_finder = std::nullopt;
 };
 
 struct AgentOptions {
@@ -76,6 +78,7 @@ struct AgentOptions {
   ImuOptions imu;
   OdometryOptions odometry;
   StereoOptions stereo;
+  RangeOptions range;
   // Of the live poses, which AgentRunner tells; the agent itself does not adjust.
   LocalAdjustmentOptions local_adjustment;
   // Likewise; the agent describes the keyframes.
@@ -139,6 +142,12 @@ class Agent {
   void AddOdometry(std::span<const OdometrySample> samples);
   const OdometryCounts& odometry_counts() const { return odometry_samples_.counts(); }
 
+  // Likewise, for an agent with a range finder; its submaps become metric as soon as a few ranges
+  // agree on the scale.
+  void AddRanges(std::span<const RangeSample> samples);
+  RangeSampleCounts range_sample_counts() const;
+  RangeCounts range_counts() const;
+
   // Satellite positions on the camera's clock, likewise.
   void AddGnss(std::span<const GnssFix> fixes);
 
@@ -163,8 +172,13 @@ class Agent {
   bool LearnDepthOfScene();
   void TrackPoints(Timestamp time, const cv::Mat& gray);
   int UpdateFilter();
-  // Without a scale yet: tries to learn it from the IMU and goes on with it.
+  // Without a scale yet: tries to learn it from the IMU or ranges and goes on with it.
   void SeekScale(Timestamp time);
+  void UseRanges();
+  // Before a submap ends: all of it takes the scale that its ranges have told.
+  void CorrectScale();
+  // The filter's unit has become the metre, of which an old one held `scale`.
+  void TakeUnit(double scale);
   // Poses of the start that the filter has found anew go into the submap.
   void RestateStart();
   void Remove(const LandmarkRemovals& removals);
@@ -196,6 +210,7 @@ class Agent {
   std::deque<GnssFix> fixes_;
   std::optional<InertialInitializer> initializer_;
   std::optional<StereoMatcher> stereo_;
+  std::optional<RangeScale> ranges_;
   std::unique_ptr<Tracker> tracker_;
   std::unique_ptr<LocalFilter> filter_;
   LandmarkManager landmarks_;

@@ -226,6 +226,36 @@ void AddStereo(StereoOptions* options, OptionSection section) {
               "pyramid levels above the images for the search");
 }
 
+void AddRange(RangeOptions* options, OptionSection section) {
+  section.Add("max_spots", &options->max_spots, "tracks",
+              "spots of the laser that are followed in the images at a time");
+  section.Add("spot_interval_s", &options->spot_interval_s, "s", "least time between two of them");
+  section.Add("min_parallax_rad", &options->min_parallax_rad, "rad",
+              "a spot's distance is known once it is seen from so far apart");
+  section.Add("max_depth_sigma_ratio", &options->max_depth_sigma_ratio, "",
+              "and with such a relative error");
+  section.Add("good_depth_sigma_ratio", &options->good_depth_sigma_ratio, "",
+              "it counts when its track ends, or as soon as it is known so well");
+  section.Add("spot_sigma", &options->spot_sigma, "",
+              "relative error of the distance by where exactly the laser met the surface");
+  section.Add("min_ranges", &options->scale.min_ranges, "ranges",
+              "ranges that have to agree before the submaps become metric");
+  section.Add("max_log_scale_sigma", &options->scale.max_log_scale_sigma, "",
+              "the submaps become metric when the ranges tell the scale this well, relative");
+  section.Add("window_s", &options->scale.window_s, "s",
+              "ranges of so long are compared to find the scale");
+  section.Add("scale_drift", &options->scale_drift, "",
+              "relative drift of a map's scale over a median scene depth of way");
+  section.Add("gate_chi2", &options->gate_chi2, "",
+              "chi-square limit of a range's innovation; 6.63 keeps 99 % of the right ones");
+  section.Add("max_age_s", &options->max_age_s, "s",
+              "a range this much older than an image is not used with it");
+  section.Add("max_rejected_in_row", &options->max_rejected_in_row, "ranges",
+              "after so many beyond the limit in a row the scale is looked for anew");
+  section.Add("trusted_gap_s", &options->trusted_gap_s, "s",
+              "submaps are no longer called metric after so long without a range that fits");
+}
+
 }  // namespace
 
 void AddAgentOptions(AgentOptions* options, OptionTable* table) {
@@ -240,6 +270,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddImu(&options->imu, table->Section("imu"));
   AddOdometry(&options->odometry, table->Section("odometry"));
   AddStereo(&options->stereo, table->Section("stereo"));
+  AddRange(&options->range, table->Section("range"));
   AddLocalAdjustment(&options->local_adjustment, table->Section("local_adjustment"));
   AddRevisit(&options->revisit, table->Section("revisit"));
   table->Add("min_tracks_share", &options->min_tracks_share, "",

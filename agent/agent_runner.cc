@@ -47,26 +47,26 @@ StatusOr<StereoMount> FindSecondCamera(const ImageSourceInfo& info) {
 }
 
 // The sensors whose samples the source delivers.
-StatusOr<VehicleSensors> FindSensors(const ImageSource& source) {
-  VehicleSensors sensors;
+Status FindSensors(const ImageSource& source, VehicleSensors* sensors) {
   const ImageSourceInfo& info = source.info();
   if (info.right_calibration) {
-    PORTOLAN_ASSIGN_OR_RETURN(sensors.second_camera, FindSecondCamera(info));
+    PORTOLAN_ASSIGN_OR_RETURN(sensors->second_camera, FindSecondCamera(info));
   }
-  sensors.antenna_in_camera_m = info.antenna_in_camera_m;
-  if (!info.imu_calibration && !info.has_odometry) return sensors;
+  sensors->antenna_in_camera_m = info.antenna_in_camera_m;
+  sensors->range_finder = info.range_finder;
+  if (!info.imu_calibration && !info.has_odometry) return absl::OkStatus();
   const auto& body_from_camera = source.calibration().body_from_camera;
   if (!body_from_camera) {
     return absl::InvalidArgumentError(
         "the camera's calibration does not say where it sits on the vehicle (T_BS), which the IMU "
         "or odometry needs");
   }
-  if (info.has_odometry) sensors.body_from_camera = body_from_camera;
+  if (info.has_odometry) sensors->body_from_camera = body_from_camera;
   if (info.imu_calibration) {
-    sensors.imu = ImuMount{*info.imu_calibration,
-                           info.imu_calibration->body_from_imu.Inverse() * *body_from_camera};
+    sensors->imu = ImuMount{*info.imu_calibration,
+                            info.imu_calibration->body_from_imu.Inverse() * *body_from_camera};
   }
-  return sensors;
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -93,7 +93,8 @@ StatusOr<std::unique_ptr<AgentRunner>> AgentRunner::Create(const RunnerOptions& 
   const SessionId session = runner.session == 0 ? DrawSessionId() : SessionId(runner.session);
   PORTOLAN_ASSIGN_OR_RETURN(const CameraModel camera,
                             CameraModel::Create(source->calibration().intrinsics));
-  PORTOLAN_ASSIGN_OR_RETURN(const VehicleSensors sensors, FindSensors(*source));
+  VehicleSensors sensors;
+  PORTOLAN_RETURN_IF_ERROR(FindSensors(*source, &sensors));
   PORTOLAN_ASSIGN_OR_RETURN(
       auto agent, Agent::Create(agent_options, camera, AgentId(runner.agent), session, sensors));
   std::unique_ptr<AgentRunner> result(
@@ -202,6 +203,7 @@ void AgentRunner::FeedSensors(Timestamp time) {
     agent_->AddImu(source_->TakeImu(time + period));
   }
   if (info.has_odometry) agent_->AddOdometry(source_->TakeOdometry(time + kOdometryLookahead));
+  if (info.range_finder) agent_->AddRanges(source_->TakeRanges(time));
   if (info.has_gnss) agent_->AddGnss(source_->TakeGnss(time));
 }
 

@@ -76,6 +76,17 @@ std::unique_ptr<MotionModel> ConstantVelocityModel::Clone() const {
   return std::make_unique<ConstantVelocityModel>(*this);
 }
 
+std::unique_ptr<MotionModel> ConstantVelocityModel::Rescaled(double scale,
+                                                             Eigen::VectorXd* factors) const {
+  auto copy = std::make_unique<ConstantVelocityModel>(*this);
+  copy->SetPose(time(), {submap_from_body().rotation, scale * submap_from_body().translation});
+  copy->linear_velocity_ *= scale;
+  factors->setOnes(error_dim());
+  factors->segment<3>(kPosition).setConstant(scale);
+  factors->segment<3>(kLinear).setConstant(scale);
+  return copy;
+}
+
 void ConstantVelocityModel::AddVelocity(const Eigen::Vector3d& linear,
                                         const Eigen::Vector3d& angular) {
   linear_velocity_ += linear;

@@ -39,6 +39,7 @@ class ConstantVelocityModel : public MotionModel {
   bool FillScaleDirection(Eigen::Ref<Eigen::VectorXd> direction) const override;
   void RebaseRest(MotionMatrix* d_new_d_old) override;
   std::unique_ptr<MotionModel> Clone() const override;
+  std::unique_ptr<MotionModel> Rescaled(double scale, Eigen::VectorXd* factors) const override;
   void AddVelocity(const Eigen::Vector3d& linear, const Eigen::Vector3d& angular) override;
   Eigen::Vector3d linear_velocity() const override { return linear_velocity_; }
   Eigen::Vector3d angular_velocity_rad_s() const override { return angular_velocity_; }

@@ -56,7 +56,7 @@ void LocalFilter::Start(Timestamp time) {
   median_inverse_depth_ = first_inverse_depth_;
   state_.Start(time, 1.0 / median_inverse_depth_);
   window_.clear();
-  noise_is_fresh_ = false;
+  noise_is_fresh_ = has_scale_ = false;
   retry_frames_ = 0;
   restated_poses_.clear();
   start_.Begin(state_.motion(), state_.covariance());

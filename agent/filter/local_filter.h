@@ -5,6 +5,7 @@
 
 #include <deque>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -45,6 +46,28 @@ class LocalFilter {
   // From now on measured depths are metric, of a sensor, and so is the filter, whatever the motion
   // model. A start then takes the scene to be this far, 1/m.
   void TakeMetricDepths(double first_inverse_depth);
+  // A length that a sensor has measured between two frames, as a function of the state: its
+  // derivative by the error of the whole state, and what it is more than expected.
+  struct LengthMeasurement {
+    Eigen::RowVectorXd d_state;
+    double innovation = 0;
+    double variance = 0;
+  };
+  // False, and nothing done, if the innovation is outside of the chi-square(1) region.
+  bool UpdateWithLength(const LengthMeasurement& measurement, double gate_chi2);
+  // Makes metres of the unit of length, of which one holds `scale` metres. It stays an exact unit:
+  // how well its metres are known is the caller's to know. False, and nothing done, where a sensor
+  // tells the scale or too few depths are known. A start forgets it.
+  bool TakeScale(double scale);
+  // Whether what TakeScale found still counts as metres; it does at first.
+  void TrustScale(bool trusted) { scale_is_trusted_ = trusted; }
+  bool has_scale() const { return has_scale_; }
+  // Derivative of the mean logarithm of the known inverse depths by the state's error, what
+  // lengths may be compared with while there is no scale. No value if too few are known.
+  std::optional<Eigen::RowVectorXd> DScaleDState() const;
+  // The first frames are still being gathered (StartSmoother): what the filter says of depths will
+  // be taken back.
+  bool starting() const { return start_.active(); }
   // Goes on with another motion model, between two frames.
   void ChangeMotion(std::unique_ptr<MotionModel> motion, const MotionChange& change);
   // Propagates to the time of a frame. Does nothing, and returns false, if time does not advance.
@@ -79,7 +102,9 @@ class LocalFilter {
   // scene. If none is in view, or most are at infinity, the last good value.
   double median_inverse_depth() const { return median_inverse_depth_; }
   // Lengths are metres.
-  bool metric() const { return metric_depths_ || state_.motion().metric(); }
+  bool metric() const {
+    return metric_depths_ || state_.motion().metric() || (has_scale_ && scale_is_trusted_);
+  }
   Timestamp time() const { return state_.motion().time(); }
 
   // True if the last divergence_window_frames updates show that the estimate is not to be trusted
@@ -167,6 +192,8 @@ class LocalFilter {
   int retry_frames_ = 0;
   std::vector<std::pair<Timestamp, Rigid3>> restated_poses_;
   bool metric_depths_ = false;
+  bool has_scale_ = false;
+  bool scale_is_trusted_ = false;
   bool noise_is_fresh_ = false;
 };
 

@@ -56,6 +56,10 @@ class MotionModel {
   // nothing filled, if the model's sensor measures lengths, so that the scale is not free.
   virtual bool FillScaleDirection(Eigen::Ref<Eigen::VectorXd>) const { return false; }
 
+  // A copy in another unit of length, of which an old one holds `scale`, and the factors that its
+  // errors take. Null if the model's sensor measures lengths.
+  virtual std::unique_ptr<MotionModel> Rescaled(double, Eigen::VectorXd*) const { return nullptr; }
+
   // In the submap frame, units per second.
   virtual Eigen::Vector3d linear_velocity() const = 0;
   // In the camera frame.

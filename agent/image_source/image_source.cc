@@ -24,4 +24,8 @@ std::vector<GnssFix> ImageSource::TakeGnss(Timestamp up_to) {
   return TakeUpTo(gnss_, up_to, &gnss_taken_);
 }
 
+std::vector<RangeSample> ImageSource::TakeRanges(Timestamp up_to) {
+  return TakeUpTo(ranges_, up_to, &ranges_taken_);
+}
+
 }  // namespace portolan

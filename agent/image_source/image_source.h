@@ -40,6 +40,8 @@ struct ImageSourceInfo {
   // Satellite positions are delivered, of an antenna there.
   bool has_gnss = false;
   Eigen::Vector3d antenna_in_camera_m = Eigen::Vector3d::Zero();
+  // Laser ranges are delivered.
+  std::optional<RangeFinder> range_finder;
 };
 
 struct ImageSourceCounts {
@@ -70,6 +72,7 @@ class ImageSource {
   std::vector<ImuSample> TakeImu(Timestamp up_to);
   std::vector<OdometrySample> TakeOdometry(Timestamp up_to);
   std::vector<GnssFix> TakeGnss(Timestamp up_to);
+  std::vector<RangeSample> TakeRanges(Timestamp up_to);
 
  protected:
   ImageSourceInfo info_;
@@ -77,11 +80,13 @@ class ImageSource {
   std::vector<ImuSample> imu_;
   std::vector<OdometrySample> odometry_;
   std::vector<GnssFix> gnss_;
+  std::vector<RangeSample> ranges_;
 
  private:
   size_t imu_taken_ = 0;
   size_t odometry_taken_ = 0;
   size_t gnss_taken_ = 0;
+  size_t ranges_taken_ = 0;
 };
 
 // Opens what options.path names. Errors: NotFound, InvalidArgument (options, calibration, lists of

@@ -88,6 +88,9 @@ void AddImageSourceOptions(OptionTable* table, ImageSourceOptions* options) {
       "Also reads the IMU file of the sequence; off, since a purely visual run need not fail "
       "for a damaged one.");
   source.Add("odometry", &options->odometry, "", "Wheel odometry CSV; empty for none.");
+  source.Add("range", &options->range, "",
+             "Folder of a laser range finder: data.csv with time [ns], range [m], and sensor.yaml; "
+             "empty for none.");
   source.Add(
       "gnss", &options->gnss, "",
       "CSV of satellite positions: time [ns], latitude, longitude [deg], height above the "

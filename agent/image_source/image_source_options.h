@@ -53,6 +53,8 @@ struct ImageSourceOptions {
   bool imu = false;
   // Wheel odometry CSV; empty: none.
   std::string odometry;
+  // Folder of a laser range finder's data.csv and sensor.yaml; empty: none.
+  std::string range;
   // CSV of satellite positions; empty: gnss.csv of the sequence's folder, if there is one; "none".
   std::string gnss;
   // Where the receiver's antenna is: x, y, z in the camera frame [m].

@@ -100,6 +100,14 @@ StatusOr<std::vector<GnssFix>> ReadGnss(const ImageSourceOptions& options, Image
   return fixes;
 }
 
+StatusOr<std::vector<RangeSample>> ReadRanges(const ImageSourceOptions& options,
+                                              ImageSourceInfo* info) {
+  if (options.range.empty()) return std::vector<RangeSample>();
+  const fs::path folder = options.range;
+  PORTOLAN_ASSIGN_OR_RETURN(info->range_finder, ReadRangeFinder(folder / "sensor.yaml"));
+  return ReadRangeCsv(folder / "data.csv");
+}
+
 StatusOr<std::unique_ptr<ImageSource>> OpenSequence(const ImageSourceOptions& options,
                                                     ImageSourceType type) {
   PORTOLAN_ASSIGN_OR_RETURN(SequenceListing listing, ListSequence(options, type));
@@ -124,9 +132,10 @@ StatusOr<std::unique_ptr<ImageSource>> OpenSequence(const ImageSourceOptions& op
   info.has_odometry = !options.odometry.empty();
   PORTOLAN_ASSIGN_OR_RETURN(std::vector<GnssFix> gnss, ReadGnss(options, &info));
   RemoveBefore(*first_time, &gnss);
+  PORTOLAN_ASSIGN_OR_RETURN(std::vector<RangeSample> ranges, ReadRanges(options, &info));
   return std::unique_ptr<ImageSource>(std::make_unique<PlaybackSource>(
       options, std::move(info), std::make_unique<ListedStream>(std::move(listing.frames)),
-      std::move(listing.imu), std::move(odometry), std::move(gnss)));
+      std::move(listing.imu), std::move(odometry), std::move(gnss), std::move(ranges)));
 }
 
 StatusOr<std::unique_ptr<ImageSource>> OpenVideo(const ImageSourceOptions& options) {
@@ -153,9 +162,10 @@ StatusOr<std::unique_ptr<ImageSource>> OpenVideo(const ImageSourceOptions& optio
   if (!options.gnss.empty()) {
     PORTOLAN_ASSIGN_OR_RETURN(gnss, ReadGnss(options, &info));
   }
+  PORTOLAN_ASSIGN_OR_RETURN(std::vector<RangeSample> ranges, ReadRanges(options, &info));
   return std::unique_ptr<ImageSource>(std::make_unique<PlaybackSource>(
       options, std::move(info), std::move(stream), std::vector<ImuSample>(), std::move(odometry),
-      std::move(gnss)));
+      std::move(gnss), std::move(ranges)));
 }
 
 StatusOr<std::unique_ptr<ImageSource>> OpenDevice(const ImageSourceOptions& options) {
@@ -188,6 +198,10 @@ StatusOr<std::unique_ptr<ImageSource>> OpenImageSource(const ImageSourceOptions&
   if (options.imu || options.stereo) {
     return absl::InvalidArgumentError(
         "source.imu, source.stereo: a video or device has one camera and no IMU");
+  }
+  if (type == ImageSourceType::kDevice && !options.range.empty()) {
+    return absl::InvalidArgumentError(
+        "source.range: a camera device comes without recorded ranges");
   }
   return type == ImageSourceType::kVideo ? OpenVideo(options) : OpenDevice(options);
 }

@@ -25,7 +25,8 @@ Status CheckImageSize(const cv::Mat& image, const CameraIntrinsics& intrinsics,
 
 PlaybackSource::PlaybackSource(const ImageSourceOptions& options, ImageSourceInfo info,
                                std::unique_ptr<FrameStream> stream, std::vector<ImuSample> imu,
-                               std::vector<OdometrySample> odometry, std::vector<GnssFix> gnss)
+                               std::vector<OdometrySample> odometry, std::vector<GnssFix> gnss,
+                               std::vector<RangeSample> ranges)
     : options_(options),
       range_(options),
       order_(options.max_out_of_order),
@@ -34,6 +35,7 @@ PlaybackSource::PlaybackSource(const ImageSourceOptions& options, ImageSourceInf
   imu_ = std::move(imu);
   odometry_ = std::move(odometry);
   gnss_ = std::move(gnss);
+  ranges_ = std::move(ranges);
 }
 
 StatusOr<std::optional<Frame>> PlaybackSource::Next() {

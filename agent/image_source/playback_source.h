@@ -17,7 +17,8 @@ class PlaybackSource : public ImageSource {
  public:
   PlaybackSource(const ImageSourceOptions& options, ImageSourceInfo info,
                  std::unique_ptr<FrameStream> stream, std::vector<ImuSample> imu,
-                 std::vector<OdometrySample> odometry, std::vector<GnssFix> gnss = {});
+                 std::vector<OdometrySample> odometry, std::vector<GnssFix> gnss = {},
+                 std::vector<RangeSample> ranges = {});
 
   StatusOr<std::optional<Frame>> Next() override;
 

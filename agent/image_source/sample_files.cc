@@ -6,6 +6,7 @@
 #include "agent/image_source/text_lines.h"
 #include "common/base/concat.h"
 #include "common/base/logging.h"
+#include "common/config/yaml_file.h"
 
 namespace portolan {
 namespace {
@@ -14,6 +15,8 @@ namespace {
 constexpr double kMaxGyroRadS = 200;
 constexpr double kMaxAccelMS2 = 4000;
 constexpr double kMaxPositionM = 1e7;
+constexpr double kMaxRangeM = 1e5;
+constexpr double kMaxLeverArmM = 100;
 // As proto/submap.proto has it.
 constexpr double kMinGnssSigmaM = 0.001;
 constexpr double kMaxGnssSigmaM = 1e4;
@@ -88,6 +91,31 @@ StatusOr<GnssFix> ParseGnss(const std::vector<std::string>& fields) {
   return fix;
 }
 
+StatusOr<RangeSample> ParseRange(const std::vector<std::string>& fields) {
+  if (fields.size() != 2 && fields.size() != 3) {
+    return absl::InvalidArgumentError(Concat("expected 2 or 3 fields, got ", fields.size()));
+  }
+  RangeSample sample;
+  PORTOLAN_ASSIGN_OR_RETURN(sample.time, ParseNanoseconds(fields[0]));
+  PORTOLAN_ASSIGN_OR_RETURN(const auto numbers,
+                            ParseNumbers(fields, 1, fields.size() - 1, kMaxRangeM));
+  sample.range_m = numbers[0];
+  if (numbers.size() == 1) return sample;
+  sample.sigma_m = numbers[1];
+  if (!(sample.sigma_m > 0)) {
+    return absl::InvalidArgumentError(Concat("a standard deviation of ", sample.sigma_m, " m"));
+  }
+  return sample;
+}
+
+StatusOr<Eigen::Vector3d> ReadVector(const YamlFile& file, const std::string& key) {
+  PORTOLAN_ASSIGN_OR_RETURN(const std::vector<double> numbers, file.Numbers(file.root(), key));
+  if (numbers.size() != 3) {
+    return file.Error(file.root()[key], Concat(key, ": expected 3 numbers, got ", numbers.size()));
+  }
+  return Eigen::Vector3d(numbers[0], numbers[1], numbers[2]);
+}
+
 template <typename Sample>
 StatusOr<std::vector<Sample>> ReadSamples(
     const std::filesystem::path& path,
@@ -124,6 +152,38 @@ StatusOr<std::vector<OdometrySample>> ReadOdometryCsv(const std::filesystem::pat
 
 StatusOr<std::vector<GnssFix>> ReadGnssCsv(const std::filesystem::path& path) {
   return ReadSamples<GnssFix>(path, ParseGnss);
+}
+
+StatusOr<std::vector<RangeSample>> ReadRangeCsv(const std::filesystem::path& path) {
+  return ReadSamples<RangeSample>(path, ParseRange);
+}
+
+StatusOr<RangeFinder> ReadRangeFinder(const std::filesystem::path& path) {
+  PORTOLAN_ASSIGN_OR_RETURN(const YamlFile file, YamlFile::Load(path));
+  const YAML::Node& root = file.root();
+  RangeFinder finder;
+  PORTOLAN_ASSIGN_OR_RETURN(finder.position_in_camera_m, ReadVector(file, "position_in_camera_m"));
+  if (finder.position_in_camera_m.norm() > kMaxLeverArmM) {
+    return file.Error(root["position_in_camera_m"],
+                      Concat("position_in_camera_m: more than ", kMaxLeverArmM, " m"));
+  }
+  PORTOLAN_ASSIGN_OR_RETURN(const auto direction, ReadVector(file, "direction_in_camera"));
+  if (!(direction.norm() > 1e-6)) {
+    return file.Error(root["direction_in_camera"], "direction_in_camera: has no length");
+  }
+  finder.direction_in_camera = direction.normalized();
+  for (const auto& [key, value] :
+       {std::pair("sigma_m", &finder.sigma_m), std::pair("min_range_m", &finder.min_range_m),
+        std::pair("max_range_m", &finder.max_range_m)}) {
+    PORTOLAN_ASSIGN_OR_RETURN(*value, file.Number(root, key));
+    if (!(*value > 0 && *value <= kMaxRangeM)) {
+      return file.Error(root[key], Concat(key, ": must be within 0 and ", kMaxRangeM));
+    }
+  }
+  if (!(finder.min_range_m < finder.max_range_m)) {
+    return file.Error(root["max_range_m"], "max_range_m: must be more than min_range_m");
+  }
+  return finder;
 }
 
 }  // namespace portolan

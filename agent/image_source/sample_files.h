@@ -1,4 +1,4 @@
-// Files of IMU and odometry samples and of satellite positions.
+// Files of IMU, odometry and range samples and of satellite positions.
 #ifndef PORTOLAN_AGENT_IMAGE_SOURCE_SAMPLE_FILES_H_
 #define PORTOLAN_AGENT_IMAGE_SOURCE_SAMPLE_FILES_H_
 
@@ -23,6 +23,15 @@ StatusOr<std::vector<OdometrySample>> ReadOdometryCsv(const std::filesystem::pat
 // time [ns], latitude, longitude [deg], height above the ellipsoid [m], standard deviation of each
 // horizontal coordinate and of the height [m]. Order and errors as above.
 StatusOr<std::vector<GnssFix>> ReadGnssCsv(const std::filesystem::path& path);
+
+// time [ns], range [m] and, if it differs from sample to sample, its standard deviation [m]. Order
+// and errors as above; a range of zero is a measurement without an echo, not an error.
+StatusOr<std::vector<RangeSample>> ReadRangeCsv(const std::filesystem::path& path);
+
+// The sensor.yaml of a range finder: position_in_camera_m and direction_in_camera, three numbers
+// each, sigma_m, min_range_m, max_range_m. NotFound, or an InvalidArgument that names file, line
+// and key.
+StatusOr<RangeFinder> ReadRangeFinder(const std::filesystem::path& path);
 
 }  // namespace portolan
 

@@ -73,6 +73,10 @@ class LandmarkInitializer {
   bool IsReady(TrackId track) const;
   // Depths of the tracks in the present frame; those without one are removed from *tracks.
   std::vector<MeasuredDepth> Measure(std::vector<TrackId>* tracks) const;
+  // Of a live track: where the present frame sees it, a unit vector in the camera.
+  const Eigen::Vector3d& PresentBearing(TrackId track) const {
+    return candidates_.at(track).bearing;
+  }
 
  private:
   struct View {

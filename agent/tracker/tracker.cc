@@ -119,6 +119,7 @@ class Tracker::Impl {
   void Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
              const Eigen::Quaterniond& previous_from_current);
   std::vector<TrackId> Detect();
+  std::optional<TrackId> StartAt(const Eigen::Vector2d& pixel);
   void Drop(std::span<const TrackId> tracks);
   std::vector<TrackId> Reacquire(std::span<const SearchRegion> lost);
   std::vector<Feature> Describe(bool complete) const;
@@ -299,6 +300,17 @@ std::vector<TrackId> Tracker::Impl::Detect() {
   return created;
 }
 
+std::optional<TrackId> Tracker::Impl::StartAt(const Eigen::Vector2d& pixel) {
+  if (current_.empty() || !IsUsable(pixel)) return std::nullopt;
+  const auto reference = ReferencePatch::Create(current_, pixel);
+  if (!reference) return std::nullopt;
+  const TrackId id(next_id_++);
+  tracks_.emplace(
+      id, TrackState{.point = {id, pixel, options_.base_sigma_px, 0}, .reference = *reference});
+  Publish();
+  return id;
+}
+
 void Tracker::Impl::Drop(std::span<const TrackId> tracks) {
   for (const TrackId& id : tracks) tracks_.erase(id);
   Publish();
@@ -402,13 +414,15 @@ Status Tracker::Track(const cv::Mat& gray, std::span<const TrackPrediction> pred
 }
 
 std::vector<TrackId> Tracker::Detect() { return impl_->Detect(); }
+
+std::optional<TrackId> Tracker::StartAt(const Eigen::Vector2d& pixel) {
+  return impl_->StartAt(pixel);
+}
 void Tracker::Drop(std::span<const TrackId> tracks) { impl_->Drop(tracks); }
 std::vector<TrackId> Tracker::Reacquire(std::span<const SearchRegion> lost) {
   return impl_->Reacquire(lost);
 }
 const std::vector<TrackedPoint>& Tracker::points() const { return impl_->points(); }
-std::vector<Feature> Tracker::Describe(bool complete) const {
-  return impl_->Describe(complete);
-}
+std::vector<Feature> Tracker::Describe(bool complete) const { return impl_->Describe(complete); }
 
 }  // namespace portolan

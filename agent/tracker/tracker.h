@@ -103,6 +103,10 @@ class Tracker {
   // ascending.
   std::vector<TrackId> Detect();
 
+  // Starts a track at a pixel, corner or not, beyond max_points too. No value where the image has
+  // too little texture or ends.
+  std::optional<TrackId> StartAt(const Eigen::Vector2d& pixel);
+
   // Ends tracks, for good; ids that are not live are ignored.
   void Drop(std::span<const TrackId> tracks);
 

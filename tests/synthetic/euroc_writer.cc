@@ -9,6 +9,7 @@
 #include "common/camera/calibration.h"
 #include "common/trajectory/trajectory_io.h"
 #include "tests/synthetic/frame_renderer.h"
+#include "tests/synthetic/ranges.h"
 
 namespace portolan::synthetic {
 namespace {
@@ -80,6 +81,24 @@ Status WriteInertial(const Mission& mission, const AgentPlan& agent,
   return WriteText(mav / "state_groundtruth_estimate0" / "data.csv", truth);
 }
 
+Status WriteRanges(const Mission& mission, int agent, const fs::path& folder) {
+  const RangeMount mount;
+  std::string data = "#timestamp [ns],range [m]\n";
+  for (const RangeSample& sample : SimulateRanges(mission, agent, mount)) {
+    absl::StrAppendFormat(&data, "%d,%.4f\n",
+                          (mission.options.start_time + sample.time_since_start).count(),
+                          sample.range_m);
+  }
+  PORTOLAN_RETURN_IF_ERROR(WriteText(folder / "data.csv", data));
+  const Eigen::Vector3d &p = mount.position_in_camera_m, &d = mount.direction_in_camera;
+  return WriteText(folder / "sensor.yaml",
+                   absl::StrFormat("sensor_type: range_finder\n"
+                                   "position_in_camera_m: [%.12g, %.12g, %.12g]\n"
+                                   "direction_in_camera: [%.12g, %.12g, %.12g]\n"
+                                   "sigma_m: %.12g\nmin_range_m: 0.1\nmax_range_m: 40\n",
+                                   p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), mount.sigma_m));
+}
+
 Status WriteImage(const fs::path& path, const cv::Mat1b& image) {
   const std::vector<int> parameters = {cv::IMWRITE_PNG_COMPRESSION, 1, cv::IMWRITE_JPEG_QUALITY,
                                        95};
@@ -148,6 +167,9 @@ Status WriteEurocAgent(const Mission& mission, int agent, const std::string& fol
   imu.seed = mission.options.seed * 37 + static_cast<uint64_t>(agent);
   PORTOLAN_RETURN_IF_ERROR(
       WriteInertial(mission, plan, SimulateImu(plan.path, imu), root / "mav0"));
+  if (mission.options.range_rate_hz > 0) {
+    PORTOLAN_RETURN_IF_ERROR(WriteRanges(mission, agent, root / "mav0" / "range0"));
+  }
   return WriteTumTrajectory(CameraGroundTruth(mission, agent), (root / "groundtruth.txt").string());
 }
 

@@ -2,6 +2,7 @@
 //   FOLDER/agent0/mav0/cam0/{data.csv,sensor.yaml,data/<ns>.<ext>}
 //                mav0/cam1/                 the same of a second camera, if there is one
 //                mav0/imu0/{data.csv,sensor.yaml}
+//                mav0/range0/{data.csv,sensor.yaml}   of a range finder, if there is one
 //                mav0/state_groundtruth_estimate0/data.csv   of the body
 //                groundtruth.txt   TUM format, the camera's optical frame at the image times
 #ifndef PORTOLAN_TESTS_SYNTHETIC_EUROC_WRITER_H_

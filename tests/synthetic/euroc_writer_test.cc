@@ -4,6 +4,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "agent/image_source/image_source.h"
+#include "agent/image_source/sample_files.h"
 #include "common/camera/calibration.h"
 #include "common/trajectory/trajectory_io.h"
 #include "gmock/gmock.h"
@@ -106,6 +107,30 @@ TEST(WriteEurocAgent, ReportsWhatItCannotWrite) {
   options.image_format = "bmp";
   EXPECT_THAT(WriteEurocAgent(ShortMission(), 0, dir.path().string(), options),
               StatusIs(absl::StatusCode::kInvalidArgument, testing::HasSubstr("png, jpg, pgm")));
+}
+
+TEST(WriteEurocAgent, RangesAreThoseOfTheHall) {
+  const TempDir dir;
+  Mission mission = ShortMission();
+  mission.options.range_rate_hz = 50;
+  ASSERT_THAT(WriteEurocAgent(mission, 0, dir.path().string(), Png()), IsOk());
+  const auto folder = dir / "agent0/mav0/range0";
+  const auto finder = ReadRangeFinder(folder / "sensor.yaml");
+  ASSERT_THAT(finder, IsOk());
+  const auto ranges = ReadRangeCsv(folder / "data.csv");
+  ASSERT_THAT(ranges, IsOk());
+  ASSERT_GE(ranges->size(), 4u);
+  // The renderer's depth at the pixel where the range ends is that of the range.
+  FrameRenderer renderer(mission, 0);
+  cv::Mat1f light;
+  renderer.RenderLight(0, &light);
+  const auto camera = *CameraModel::Create(mission.options.camera);
+  const Eigen::Vector3d point =
+      finder->position_in_camera_m + ranges->front().range_m * finder->direction_in_camera;
+  const Eigen::Vector2d pixel = *camera.Project(point);
+  const double depth =
+      renderer.Depth()(static_cast<int>(pixel.y() + 0.5), static_cast<int>(pixel.x() + 0.5));
+  EXPECT_NEAR(point.z(), depth, 0.1);
 }
 
 }  // namespace

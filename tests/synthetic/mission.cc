@@ -154,6 +154,9 @@ Status MissionOptions::Validate() const {
   if (!(stereo_baseline_m >= 0)) {
     return absl::InvalidArgumentError("stereo_baseline_m must not be negative");
   }
+  if (!(range_rate_hz >= 0 && range_rate_hz <= 1e4)) {
+    return absl::InvalidArgumentError("range_rate_hz must be within 0 and 10000");
+  }
   if (!(effects.noise_sigma >= 0) || !(effects.shutter_s >= 0) || effects.blur_samples < 1 ||
       !(effects.exposure_swing >= 0 && effects.exposure_swing < 1)) {
     return absl::InvalidArgumentError(

@@ -29,6 +29,8 @@ struct MissionOptions {
   ImuOptions imu;
   // Of a second camera like the first, this far to the right of it; 0: none.
   double stereo_baseline_m = 0;
+  // Of a laser range finder fixed to the camera (RangeMount); 0: none.
+  double range_rate_hz = 0;
   Timestamp start_time = std::chrono::seconds(1600000000);
 
   // 752 x 480, 79 degrees wide, radial-tangential distortion as EuRoC's cam0.

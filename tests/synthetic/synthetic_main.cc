@@ -34,6 +34,7 @@ truth and IMU samples, to FOLDER/agent0, FOLDER/agent1, ... in EuRoC layout.
   --exposure SWING    share by which the exposure swings (0.2)
   --shutter SECONDS   motion blur: time that the shutter is open (0)
   --stereo METRES     a second camera so far to the right of the first (0: none)
+  --ranges HZ         a laser range finder fixed to the camera (0: none)
   --format EXT        png, jpg or pgm (jpg)
   --threads N         agents rendered at the same time (number of cores)
   --help
@@ -95,6 +96,7 @@ Status ParseNumber(const std::string& flag, const std::string& value, Arguments*
   if (flag == "--noise") return store(absl::SimpleAtod(value, &mission.effects.noise_sigma));
   if (flag == "--exposure") return store(absl::SimpleAtod(value, &mission.effects.exposure_swing));
   if (flag == "--stereo") return store(absl::SimpleAtod(value, &mission.stereo_baseline_m));
+  if (flag == "--ranges") return store(absl::SimpleAtod(value, &mission.range_rate_hz));
   if (flag == "--shutter") return store(absl::SimpleAtod(value, &mission.effects.shutter_s));
   if (flag == "--threads") {
     return store(absl::SimpleAtoi(value, &arguments->threads) && arguments->threads >= 1);

@@ -301,6 +301,28 @@ TEST_F(LayoutsTest, FixesBesideTheImagesAreTakenPieceByPiece) {
               StatusIs(StatusCode::kInvalidArgument, HasSubstr("bad.csv:2:")));
 }
 
+TEST_F(LayoutsTest, RangesAreTakenPieceByPiece) {
+  WriteTestFolder(dir_, 2);
+  dir_.Write("range0/sensor.yaml",
+             "position_in_camera_m: [0, 0, 0]\ndirection_in_camera: [0, 0, 1]\n"
+             "sigma_m: 0.01\nmin_range_m: 0.1\nmax_range_m: 50\n");
+  dir_.Write("range0/data.csv", "99990000000,1\n100000000000,2\n100050000000,3\n");
+  ImageSourceOptions options = Options();
+  EXPECT_FALSE(OpenOrFail(options)->info().range_finder);
+  options.range = (dir_.path() / "range0").string();
+  const auto source = OpenOrFail(options);
+  ASSERT_TRUE(source);
+  ASSERT_TRUE(source->info().range_finder);
+  EXPECT_EQ(source->info().range_finder->max_range_m, 50);
+  EXPECT_EQ(source->TakeRanges((*source->Next())->time).size(), 2u);
+  EXPECT_EQ(source->TakeRanges((*source->Next())->time).size(), 1u);
+  dir_.Write("range0/data.csv", "99990000000,1\n100000000000,\n");
+  EXPECT_THAT(OpenImageSource(options),
+              StatusIs(StatusCode::kInvalidArgument, HasSubstr("data.csv:2:")));
+  options.range = (dir_.path() / "gone").string();
+  EXPECT_THAT(OpenImageSource(options), StatusIs(StatusCode::kNotFound, HasSubstr("gone")));
+}
+
 TEST_F(LayoutsTest, LayoutsWithoutImuOrSecondCameraSaySo) {
   WriteTestFolder(dir_, 1);
   ImageSourceOptions options = Options();

@@ -97,5 +97,65 @@ TEST(ReadGnssCsv, BrokenLinesAreErrors) {
   }
 }
 
+TEST(ReadRangeCsv, ReadsRangesWithAndWithoutTheirSigma) {
+  const TempDir dir;
+  const auto ranges = ReadRangeCsv(dir.Write("data.csv", "#time,range\n20,3.5\n10,0\n30,2,0.1\n"));
+  ASSERT_THAT(ranges, IsOk());
+  ASSERT_EQ(ranges->size(), 3u);
+  EXPECT_EQ(ranges->at(0).range_m, 0);
+  EXPECT_EQ(ranges->at(1).time, Timestamp(20));
+  EXPECT_EQ(ranges->at(1).sigma_m, 0);
+  EXPECT_EQ(ranges->at(2).sigma_m, 0.1);
+}
+
+TEST(ReadRangeCsv, BrokenLinesAreErrors) {
+  const TempDir dir;
+  for (const char* line : {"5", "5,1,1,1", "x,1", "5,nan", "5,inf", "5,1e9", "5,1,0", "5,1,-1"}) {
+    EXPECT_THAT(ReadRangeCsv(dir.Write("r.csv", std::string("1,2\n") + line)),
+                StatusIs(StatusCode::kInvalidArgument, HasSubstr("r.csv:2:")))
+        << line;
+  }
+  EXPECT_THAT(ReadRangeCsv(dir / "none.csv"), StatusIs(StatusCode::kNotFound));
+}
+
+constexpr char kFinder[] =
+    "position_in_camera_m: [0.1, -0.05, 0]\n"
+    "direction_in_camera: [0, 0, 2]\n"
+    "sigma_m: 0.02\nmin_range_m: 0.2\nmax_range_m: 40\n";
+
+TEST(ReadRangeFinder, ReadsItsCalibration) {
+  const TempDir dir;
+  const auto finder = ReadRangeFinder(dir.Write("sensor.yaml", kFinder));
+  ASSERT_THAT(finder, IsOk());
+  EXPECT_THAT(finder->position_in_camera_m, NearMatrix(Eigen::Vector3d(0.1, -0.05, 0), 0));
+  EXPECT_THAT(finder->direction_in_camera, NearMatrix(Eigen::Vector3d(0, 0, 1), 1e-15));
+  EXPECT_EQ(finder->sigma_m, 0.02);
+  EXPECT_EQ(finder->min_range_m, 0.2);
+  EXPECT_EQ(finder->max_range_m, 40);
+}
+
+TEST(ReadRangeFinder, WrongValuesNameTheKey) {
+  const TempDir dir;
+  const std::vector<std::vector<std::string>> cases = {
+      {"[0, 0, 2]", "[0, 0, 0]", "direction_in_camera"},
+      {"[0, 0, 2]", "[0, 1]", "direction_in_camera"},
+      {"[0, 0, 2]", "[0, .nan, 1]", "direction_in_camera"},
+      {"0.1, -0.05", "1e6, 0", "position_in_camera_m"},
+      {"position_in_camera_m", "position", "position_in_camera_m"},
+      {"sigma_m: 0.02", "sigma_m: 0", "sigma_m"},
+      {"min_range_m: 0.2", "min_range_m: -1", "min_range_m"},
+      {"max_range_m: 40", "max_range_m: 0.1", "max_range_m"},
+      {"max_range_m: 40", "max_range_m: far", "max_range_m"}};
+  for (const auto& change : cases) {
+    std::string text = kFinder;
+    text.replace(text.find(change[0]), change[0].size(), change[1]);
+    EXPECT_THAT(ReadRangeFinder(dir.Write("sensor.yaml", text)),
+                StatusIs(StatusCode::kInvalidArgument,
+                         AllOf(HasSubstr("sensor.yaml"), HasSubstr(change[2]))))
+        << change[1];
+  }
+  EXPECT_THAT(ReadRangeFinder(dir / "none.yaml"), StatusIs(StatusCode::kNotFound));
+}
+
 }  // namespace
 }  // namespace portolan

@@ -217,6 +217,28 @@ TEST(Tracker, DroppedTracksDoNotComeBack) {
   EXPECT_TRUE(tracker->Reacquire({&region, 1}).empty());
 }
 
+TEST(Tracker, FollowsAPixelThatIsNoCorner) {
+  const WaveTexture texture(17);
+  const auto tracker = MakeTracker();
+  EXPECT_FALSE(tracker->StartAt({100, 100}));  // no image yet
+  const Eigen::Vector2d pixel(131.3, 87.6);
+  std::optional<TrackId> track;
+  for (int frame = 0; frame <= 30; ++frame) {
+    ExpectOk(tracker->Track(Render(texture, ViewAt(frame), kWidth, kHeight), {}, kNoRotation));
+    if (frame == 0) track = tracker->StartAt(pixel);
+    ASSERT_TRUE(track);
+    ASSERT_EQ(tracker->points().size(), 1u);
+    EXPECT_EQ(tracker->points()[0].track, *track);
+  }
+  EXPECT_EQ(tracker->points()[0].age_frames, 30);
+  EXPECT_LT((ViewAt(30).Map(ViewAt(0).Unmap(pixel)) - tracker->points()[0].pixel).norm(), 0.15);
+  // Beyond the image, and where it shows nothing.
+  EXPECT_FALSE(tracker->StartAt({3, 87}));
+  EXPECT_FALSE(tracker->StartAt({-1e9, 87}));
+  ExpectOk(tracker->Track(cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(90)), {}, kNoRotation));
+  EXPECT_FALSE(tracker->StartAt(pixel));
+}
+
 TEST(Tracker, GivesTheYoungerUpWhenTwoTracksMeet) {
   // Zooming out by half draws all points together; none may end nearer than the limit.
   const WaveTexture texture(24);
