@@ -300,6 +300,8 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
   stale_.erase(component);
   MakeMetric(component);
   DropFailedClosures(component);
+  // What contradicted the map that wrong closures had bent may agree with this one.
+  if (stale_.empty()) CloseLoops();
 }
 
 bool MapAligner::Survives(const Closure& closure) const {
