@@ -18,8 +18,8 @@ Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(judge.Validate());
   PORTOLAN_RETURN_IF_ERROR(relations.Validate());
   if (full_component_submaps < 1 || region_submaps < 1 || loop_region_submaps < 2 ||
-      max_loop_region_submaps < loop_region_submaps ||
-      max_region_visits < 1 || !(relaxing_growth > 1) || bending_iterations < 1) {
+      max_loop_region_submaps < loop_region_submaps || max_region_visits < 1 ||
+      !(relaxing_growth > 1) || bending_iterations < 1) {
     return absl::InvalidArgumentError("map aligner: sizes must be positive");
   }
   if (min_matches_of_single_closure < 1 ||

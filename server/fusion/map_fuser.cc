@@ -150,8 +150,7 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
   const Eigen::Matrix3d relative = factor.solve(Eigen::Matrix3d::Identity());
   const Eigen::Vector3d ray = *from_first_camera / distance;
   if (!(std::sqrt(ray.dot(relative * ray)) < options_.max_relative_sigma)) return std::nullopt;
-  fused.covariance =
-      Eigen::Matrix3d(0.5 * distance * distance * (relative + relative.transpose()));
+  fused.covariance = Eigen::Matrix3d(0.5 * distance * distance * (relative + relative.transpose()));
   fused.sights = landmark.sights;
   fused.id = LandmarkIdOf(landmark.sights.front());
   return fused;

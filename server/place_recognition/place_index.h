@@ -18,7 +18,7 @@ struct PlaceIndexOptions {
   int tables = 8;
   int bits_per_word = 20;
   // Described features kept of a submap; more are thinned evenly. Bounds memory (8 bytes a
-  // word) and time.
+  // word, a word a table) and time.
   int max_features = 1200;
   // Words that more than this share of the submaps hold (and more than 30) say little and cost
   // most of the time; they are skipped.

@@ -157,8 +157,8 @@ class Replay {
         MeanMs(now.verify, before_.verify), MeanMs(now.align, before_.align),
         MeanMs(now.fuse, before_.fuse), MeanMs(now.background, before_.background),
         Quantile(background_, 0.95), error.components, error.accepted_right, error.accepted_wrong,
-        error.waiting_right, error.waiting_wrong, 1000 * error.ate_m, error.submaps, error.quarantined, error.path_m,
-        ProcessMemoryMb("self", "VmRSS"), index_ms_);
+        error.waiting_right, error.waiting_wrong, 1000 * error.ate_m, error.submaps,
+        error.quarantined, error.path_m, ProcessMemoryMb("self", "VmRSS"), index_ms_);
     std::fflush(stdout);
     before_ = now;
     background_.clear();
