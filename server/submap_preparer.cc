@@ -84,7 +84,7 @@ SubmapPreparer::Place SubmapPreparer::PlaceOf(const Submap& raw) {
 
 void SubmapPreparer::AddPlace(const RefinedSubmap& refined) {
   place_of_[refined.id] = PlaceOf(*refined.raw);
-  places_->Add(refined.id, *refined.raw);
+  places_->Add(refined.id, refined.raw);
 }
 
 bool SubmapPreparer::IsCandidate(const Place& here, const Place& there) const {

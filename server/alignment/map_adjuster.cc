@@ -15,10 +15,9 @@ constexpr double kScaleGaugeSigma = 1e-3;
 class WindowAdjustment {
  public:
   WindowAdjustment(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
-                   bool hold_shared, MapModel* model, const PositionReferences* positions)
+                   MapModel* model, const PositionReferences* positions)
       : options_(options),
         window_(window.begin(), window.end()),
-        hold_shared_(hold_shared),
         model_(*model),
         positions_(positions) {}
 
@@ -69,9 +68,7 @@ class WindowAdjustment {
     const ModelLandmark& landmark = model_.landmarks()[index];
     const int point = static_cast<int>(problem_.points.size());
     const size_t before = problem_.observations.size();
-    const bool held = hold_shared_ && IsSharedOutside(landmark);
     for (const LandmarkSight& sight : landmark.sights) {
-      if (held && !window_.contains(sight.submap)) continue;
       const ModelSubmap& submap = model_.submap(sight.submap);
       const int in_submap = MapModel::LandmarkIndex(*submap.refined, sight.track);
       const std::span<const ModelSight> sights = submap.sights[in_submap];
@@ -93,14 +90,8 @@ class WindowAdjustment {
       names_.resize(before);
       return;
     }
-    problem_.points.push_back({landmark.point_in_world, held});
+    problem_.points.push_back({landmark.point_in_world});
     point_landmarks_.push_back(index);
-  }
-
-  bool IsSharedOutside(const ModelLandmark& landmark) const {
-    return std::any_of(
-        landmark.sights.begin(), landmark.sights.end(),
-        [this](const LandmarkSight& sight) { return !window_.contains(sight.submap); });
   }
 
   int CameraIndex(SubmapId id, int keyframe) {
@@ -122,7 +113,6 @@ class WindowAdjustment {
   // A keyframe shared with a held neighbour moves with the window.
   bool IsFree(const std::pair<SubmapId, int>& camera) const {
     if (window_.contains(camera.first)) return true;
-    if (hold_shared_) return false;
     const ModelSubmap& submap = model_.submap(camera.first);
     return submap.successor && window_.contains(*submap.successor) &&
            camera.second + 1 == static_cast<int>(submap.world_from_camera.size());
@@ -318,7 +308,6 @@ class WindowAdjustment {
 
   const MapAdjusterOptions& options_;
   const std::set<SubmapId> window_;
-  const bool hold_shared_;
   MapModel& model_;
   const PositionReferences* const positions_;
   BundleProblem problem_;
@@ -349,11 +338,7 @@ Status MapAdjusterOptions::Validate() const {
 MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
                         int passes, const std::atomic<bool>* interrupt, MapModel* model,
                         const PositionReferences* positions) {
-  return WindowAdjustment(options, window, false, model, positions).Run(passes, interrupt);
-}
-
-MapAdjustment AdjustSubmapToMap(const MapAdjusterOptions& options, SubmapId id, MapModel* model) {
-  return WindowAdjustment(options, {id}, true, model, nullptr).Run(1, nullptr);
+  return WindowAdjustment(options, window, model, positions).Run(passes, interrupt);
 }
 
 }  // namespace portolan

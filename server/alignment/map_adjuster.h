@@ -61,11 +61,6 @@ MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<Sub
                         int passes, const std::atomic<bool>* interrupt, MapModel* model,
                         const PositionReferences* positions = nullptr);
 
-// Adjusts the cameras of one submap to the landmarks that other submaps see as well, which are
-// held, and its other landmarks; the keyframe shared with the predecessor is held too. Costs what
-// the submap's own observations cost, however often its landmarks were seen.
-MapAdjustment AdjustSubmapToMap(const MapAdjusterOptions& options, SubmapId id, MapModel* model);
-
 }  // namespace portolan
 
 #endif  // PORTOLAN_SERVER_ALIGNMENT_MAP_ADJUSTER_H_

@@ -18,8 +18,8 @@ Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(judge.Validate());
   PORTOLAN_RETURN_IF_ERROR(relations.Validate());
   if (full_component_submaps < 1 || region_submaps < 1 || loop_region_submaps < 2 ||
-      max_loop_region_submaps < loop_region_submaps || placing_iterations < 1 ||
-      max_region_visits < 1 || !(relaxing_growth > 1) || bending_iterations < 1) {
+      max_loop_region_submaps < loop_region_submaps || max_region_visits < 1 ||
+      !(relaxing_growth > 1) || bending_iterations < 1) {
     return absl::InvalidArgumentError("map aligner: sizes must be positive");
   }
   if (min_matches_of_single_closure < 1 ||
@@ -244,10 +244,9 @@ void MapAligner::UniteMatches(const Closure& closure) {
 
 void MapAligner::AdjustAround(SubmapId id) {
   if (model_.submap(id).quarantined()) return;
-  if (model_.submaps().size() > static_cast<size_t>(options_.full_component_submaps)) {
-    PlaceSubmap(id);
-    return;
-  }
+  // Adjusted alone to the landmarks that are there, whose errors would then be its own, a submap
+  // bends ten times as much as its link is uncertain, and closures no longer fit the map.
+  if (model_.submaps().size() > static_cast<size_t>(options_.full_component_submaps)) return;
   MakeMetric(model_.submap(id).component);
   std::set<SubmapId> window = {id};
   SubmapId predecessor = id;

@@ -51,9 +51,9 @@ struct MapAlignerOptions {
   // Components up to this size are solved as a whole: the graph at every closure, the bundle
   // adjustment in the background. In larger ones the work at a submap is bounded: closures that
   // agree with the map are accepted as they are, others solve the region they affect, and the
-  // background adjusts regions. In a map of more submaps, in whatever components, a new one is
-  // adjusted alone to the landmarks that are there. A
-  // background step on this many submaps takes about a second (how long a new submap may wait).
+  // background adjusts regions. In a map of more submaps, in whatever components, a new one stays
+  // where its link and its closures place it until then. A background step on this many submaps
+  // takes about a second (how long a new submap may wait).
   int full_component_submaps = 80;
   // Submaps that the background moves at once in a larger component.
   int region_submaps = 10;
@@ -70,8 +70,6 @@ struct MapAlignerOptions {
   // four times as many while the strain reaches the rim, up to the second number.
   int loop_region_submaps = 60;
   int max_loop_region_submaps = 2000;
-  // Iterations of a new submap's adjustment to the landmarks that are there.
-  int placing_iterations = 6;
   // Closures that were not accepted are kept for this many later ones to agree with.
   int max_pending = 1000;
 
@@ -102,8 +100,7 @@ class MapAligner {
   void AddSubmap(std::shared_ptr<const RefinedSubmap> refined);
   // Judges new closures (with those that wait): joins components, corrects drift, unites landmarks.
   void AddClosures(const std::vector<Closure>& closures);
-  // Bundle adjustment of the submap and its neighbours, the rest held; in a large component, of
-  // the submap alone.
+  // Bundle adjustment of the submap and its neighbours, the rest held; in a large map, none.
   void AdjustAround(SubmapId id);
 
   bool HasBackgroundWork() const {
@@ -193,7 +190,6 @@ class MapAligner {
                   const std::vector<Similarity3>& world_from_submap);
   // Submaps about the seeds, nearest first.
   std::vector<SubmapId> RegionAround(const std::vector<SubmapId>& seeds, size_t count) const;
-  void PlaceSubmap(SubmapId id);
   void AdjustRegion(const std::atomic<bool>& interrupt);
   // By the factor at which it is relaxed, in submaps or closures.
   bool HasGrown(ComponentId component) const;

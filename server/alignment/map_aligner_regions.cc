@@ -183,15 +183,6 @@ std::vector<SubmapId> MapAligner::RegionAround(const std::vector<SubmapId>& seed
   return region;
 }
 
-void MapAligner::PlaceSubmap(SubmapId id) {
-  MapAdjusterOptions local = options_.adjuster;
-  local.bundle.max_iterations = options_.placing_iterations;
-  local.bundle.rounds = 1;
-  last_adjustment_ = AdjustSubmapToMap(local, id, &model_);
-  touched_.insert(id);
-  TouchLandmarksOf(id);
-}
-
 void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   if (relaxing_ != nullptr) {
     Relax(relaxing_->component, interrupt);

@@ -112,7 +112,11 @@ void MapModel::CollectSights(ModelSubmap* submap) const {
           continue;
         }
       }
-      sights.push_back({static_cast<uint16_t>(k), static_cast<uint16_t>(i), agreeing[k][i]});
+      ModelSight sight;
+      sight.observation = static_cast<uint16_t>(i);
+      sight.keyframe = static_cast<uint16_t>(k);
+      sight.inlier = agreeing[k][i];
+      sights.push_back(sight);
       landmark_of.push_back(landmark);
     }
   }
@@ -363,8 +367,7 @@ void MapModel::FitSubmapToCameras(SubmapId id) {
     const RefinedLandmark& refined = submap.refined->landmarks[i];
     const double distance = refined.point_in_submap.norm();
     // Only landmarks whose depth is known; the others' ratio is arbitrary.
-    const double variance =
-        refined.point_in_submap.dot(refined.covariance * refined.point_in_submap);
+    const double variance = refined.covariance.SquareOf(refined.point_in_submap);
     if (!(variance < 0.01 * std::pow(distance, 4))) continue;
     ratios.push_back((landmarks_[submap.landmarks[i]].point_in_world - first.translation).norm() /
                      distance);

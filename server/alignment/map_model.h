@@ -29,10 +29,11 @@ struct MapModelOptions {
 
 // Where a landmark of a submap is seen.
 struct ModelSight {
-  // A raw submap has at most 256 keyframes of at most 4,096 observations.
-  uint16_t keyframe = 0;
+  // A raw submap has at most 256 keyframes of at most 4,096 observations; four bytes, for there are
+  // thousands a submap.
   uint16_t observation = 0;  // in the raw keyframe
-  bool inlier = true;
+  uint16_t keyframe : 15 = 0;
+  bool inlier : 1 = true;
 };
 
 // The sights of a submap's landmarks, one list each, ascending keyframe; in one piece, for there

@@ -23,7 +23,7 @@ struct LogRatio {
 // Variance of log |p - origin|, the relative variance of the range.
 double RangeVariance(const RefinedLandmark& landmark, const Eigen::Vector3d& origin) {
   const Eigen::Vector3d ray = landmark.point_in_submap - origin;
-  return ray.dot(landmark.covariance * ray) / (ray.squaredNorm() * ray.squaredNorm());
+  return landmark.covariance.SquareOf(ray) / (ray.squaredNorm() * ray.squaredNorm());
 }
 
 std::vector<LogRatio> SharedRatios(const RefinedSubmap& predecessor,

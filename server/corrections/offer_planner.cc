@@ -43,8 +43,8 @@ OfferedLandmark MakeOffered(const FusedLandmark& landmark, const Similarity3& wo
   offered.point_in_camera = world_from_camera.Inverse() * landmark.point_in_world;
   const Eigen::Vector3d ray = landmark.point_in_world - world_from_camera.translation;
   const double square = ray.squaredNorm();
-  const double along = ray.dot(landmark.covariance * ray) / (square * square);
-  const double total = landmark.covariance.trace() / square;
+  const double along = landmark.covariance.SquareOf(ray) / (square * square);
+  const double total = landmark.covariance.Matrix().trace() / square;
   offered.depth_sigma = std::sqrt(std::max(along, 1e-12));
   offered.lateral_sigma = std::sqrt(std::max((total - along) / 2, 1e-12));
   offered.descriptor = descriptor;

@@ -150,7 +150,7 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
   const Eigen::Matrix3d relative = factor.solve(Eigen::Matrix3d::Identity());
   const Eigen::Vector3d ray = *from_first_camera / distance;
   if (!(std::sqrt(ray.dot(relative * ray)) < options_.max_relative_sigma)) return std::nullopt;
-  fused.covariance = 0.5 * distance * distance * (relative + relative.transpose());
+  fused.covariance = Eigen::Matrix3d(0.5 * distance * distance * (relative + relative.transpose()));
   fused.sights = landmark.sights;
   fused.id = LandmarkIdOf(landmark.sights.front());
   return fused;
@@ -174,6 +174,7 @@ std::shared_ptr<const SubmapState> MapFuser::FuseSubmap(const MapAligner& aligne
     std::optional<FusedLandmark> fused = FuseLandmark(model, submap.landmarks[i]);
     if (fused) state->landmarks.push_back(*std::move(fused));
   }
+  state->landmarks.shrink_to_fit();
   state->moved_at_version = MovedAt(submap, model, previous, version);
   return state;
 }
@@ -220,7 +221,7 @@ std::shared_ptr<const SubmapState> MapFuser::MoveState(const MapAligner& aligner
   for (FusedLandmark& landmark : state->landmarks) {
     const int index = MapModel::LandmarkIndex(*submap.refined, landmark.sights.front().track);
     landmark.point_in_world = model.landmarks()[submap.landmarks[index]].point_in_world;
-    landmark.covariance = turn * landmark.covariance * turn.transpose();
+    landmark.covariance = Eigen::Matrix3d(turn * landmark.covariance.Matrix() * turn.transpose());
   }
   state->moved_at_version = MovedAt(submap, model, &previous, version);
   return state;

@@ -10,6 +10,7 @@
 #include <memory>
 #include <vector>
 
+#include "common/linear_algebra/symmetric3.h"
 #include "server/alignment/closure_list.h"
 #include "server/alignment/landmark_sight.h"
 #include "server/georeference/georeference_report.h"
@@ -22,7 +23,7 @@ struct FusedLandmark {
   // LandmarkIdOf(the oldest sight); stable as long as that sight belongs to it.
   LandmarkId id;
   Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
+  Symmetric3 covariance;
   // Keyframes that observe it, over all submaps.
   int observation_count = 0;
   std::vector<LandmarkSight> sights;  // ascending

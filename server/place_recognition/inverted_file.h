@@ -17,7 +17,8 @@ namespace portolan {
 // Thread rule: thread-compatible.
 class InvertedFile {
  public:
-  InvertedFile();
+  // Words are less than word_count.
+  explicit InvertedFile(uint32_t word_count);
 
   // `words` ascending, without repetition; the slot holds no document yet.
   void Add(uint32_t slot, const std::vector<uint32_t>& words);
@@ -37,11 +38,19 @@ class InvertedFile {
     uint32_t next;  // in the pool
   };
   struct Chain {
-    uint32_t first;
-    uint32_t length;
+    uint32_t first = 0;
+    uint32_t length = 0;
   };
 
+  const Chain* Find(uint32_t word) const;
+  Chain& FindOrAdd(uint32_t word);
+  void Erase(uint32_t word);
+
+  const uint32_t word_count_;
+  // Of the words that occur; once these are many, a table of all words takes less room, and none
+  // twice when it grows.
   absl::flat_hash_map<uint32_t, Chain> chains_;
+  std::vector<Chain> chain_table_;
   std::deque<Posting> pool_;
   uint32_t first_free_;  // chain of unused postings
   uint32_t slot_end_ = 0;

@@ -21,6 +21,10 @@ class LocalityWords {
 
   // Appends one word a table; words of different tables differ.
   void AppendWords(const Descriptor& descriptor, std::vector<uint32_t>* words) const;
+  // Words are less than this.
+  uint32_t word_count() const {
+    return static_cast<uint32_t>((bits_.size() / bits_per_word_) << bits_per_word_);
+  }
 
  private:
   const int bits_per_word_;

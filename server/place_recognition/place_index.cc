@@ -17,12 +17,17 @@
 namespace portolan {
 namespace {
 
-// The described features of a submap, thinned. Features of one track form a group, every other
-// feature is a group of its own: a point counts once, however often it was described.
+// Features of one track form a group, every other feature is a group of its own: a point counts
+// once, however often it was described.
+struct Groups {
+  std::vector<uint32_t> of_feature;  // 0..count-1
+  uint32_t count = 0;
+};
+
+// The described features of a submap, thinned, and their groups.
 struct Place {
   DescriptorTable descriptors;
-  std::vector<uint32_t> groups;  // parallel, 0..group_count-1
-  uint32_t group_count = 0;
+  Groups groups;
 };
 
 Status CheckRange(const char* name, double value, double low, double high) {
@@ -31,31 +36,41 @@ Status CheckRange(const char* name, double value, double low, double high) {
       absl::StrCat("place index: ", name, " = ", value, " is not in [", low, ", ", high, "]"));
 }
 
-Place MakePlace(const Submap& submap, size_t max_features) {
+std::vector<const Feature*> ThinnedFeatures(const Submap& submap, size_t max_features) {
   std::vector<const Feature*> features;
   for (const Keyframe& keyframe : submap.keyframes) {
     for (const Feature& feature : keyframe.features) features.push_back(&feature);
   }
   const size_t count = std::min(features.size(), max_features);
-  Place place;
-  place.descriptors.Reserve(count);
-  absl::flat_hash_map<TrackId, uint32_t> group_of_track;
-  for (size_t i = 0; i < count; ++i) {
-    const Feature& feature = *features[i * features.size() / count];
-    place.descriptors.Append(feature.descriptor);
-    uint32_t group = place.group_count;
-    if (feature.track) group = group_of_track.try_emplace(*feature.track, group).first->second;
-    place.group_count += group == place.group_count;
-    place.groups.push_back(group);
-  }
-  return place;
+  for (size_t i = 0; i < count; ++i) features[i] = features[i * features.size() / count];
+  features.resize(count);
+  return features;
 }
 
-std::vector<uint32_t> WordsOf(const Place& place, const LocalityWords& locality_words) {
-  std::vector<uint32_t> words;
-  for (size_t i = 0; i < place.descriptors.size(); ++i) {
-    locality_words.AppendWords(place.descriptors[i], &words);
+DescriptorTable DescriptorsOf(const std::vector<const Feature*>& features) {
+  DescriptorTable descriptors;
+  descriptors.Reserve(features.size());
+  for (const Feature* feature : features) descriptors.Append(feature->descriptor);
+  return descriptors;
+}
+
+Groups GroupsOf(const std::vector<const Feature*>& features) {
+  Groups groups;
+  groups.of_feature.reserve(features.size());
+  absl::flat_hash_map<TrackId, uint32_t> group_of_track;
+  for (const Feature* feature : features) {
+    uint32_t group = groups.count;
+    if (feature->track) group = group_of_track.try_emplace(*feature->track, group).first->second;
+    groups.count += group == groups.count;
+    groups.of_feature.push_back(group);
   }
+  return groups;
+}
+
+std::vector<uint32_t> WordsOf(const std::vector<const Feature*>& features,
+                              const LocalityWords& locality_words) {
+  std::vector<uint32_t> words;
+  for (const Feature* feature : features) locality_words.AppendWords(feature->descriptor, &words);
   std::sort(words.begin(), words.end());
   words.erase(std::unique(words.begin(), words.end()), words.end());
   return words;
@@ -83,41 +98,40 @@ class SimilarityScorer {
     for (size_t i = 0; i < count; ++i) used_.push_back(i * size / count);
   }
 
-  std::vector<double> Score(const std::vector<const Place*>& places) const {
-    std::vector<std::vector<Support>> supports;
-    for (const Place* place : places) supports.push_back(SupportFor(*place));
-    Normalise(&supports);
+  void Add(const DescriptorTable& descriptors, const Groups& groups) {
+    std::vector<Support>& support = supports_.emplace_back();
+    for (const size_t q : used_) {
+      const auto [distance, index] = descriptors.Nearest(query_.descriptors[q]);
+      support.push_back(distance > 256 ? Support{}
+                                       : Support{weight_at_[distance], groups.of_feature[index]});
+    }
+    group_counts_.push_back(groups.count);
+  }
+
+  // In the order of Add.
+  std::vector<double> Scores() {
+    Normalise();
     std::vector<double> scores;
-    for (size_t p = 0; p < places.size(); ++p) {
-      scores.push_back(SumOfBest(supports[p], places[p]->group_count));
+    for (size_t p = 0; p < supports_.size(); ++p) {
+      scores.push_back(SumOfBest(supports_[p], group_counts_[p]));
     }
     return scores;
   }
 
  private:
-  std::vector<Support> SupportFor(const Place& place) const {
-    std::vector<Support> support;
-    for (const size_t q : used_) {
-      const auto [distance, index] = place.descriptors.Nearest(query_.descriptors[q]);
-      support.push_back(distance > 256 ? Support{}
-                                       : Support{weight_at_[distance], place.groups[index]});
-    }
-    return support;
-  }
-
-  void Normalise(std::vector<std::vector<Support>>* supports) const {
+  void Normalise() {
     const double noise = std::exp(-options_.noise_bits / options_.falloff_bits);
     for (size_t i = 0; i < used_.size(); ++i) {
       double mean = 0;
-      for (const auto& support : *supports) mean += support[i].weight / supports->size();
-      for (auto& support : *supports) support[i].weight /= mean + noise;
+      for (const auto& support : supports_) mean += support[i].weight / supports_.size();
+      for (auto& support : supports_) support[i].weight /= mean + noise;
     }
   }
 
   double SumOfBest(const std::vector<Support>& support, uint32_t place_group_count) const {
-    std::vector<Support> of_query(query_.group_count);
+    std::vector<Support> of_query(query_.groups.count);
     for (size_t i = 0; i < used_.size(); ++i) {
-      Support& best = of_query[query_.groups[used_[i]]];
+      Support& best = of_query[query_.groups.of_feature[used_[i]]];
       if (support[i].weight > best.weight) best = support[i];
     }
     std::vector<double> of_place(place_group_count, 0.0);
@@ -131,6 +145,9 @@ class SimilarityScorer {
   const Place& query_;
   std::array<double, 257> weight_at_;
   std::vector<size_t> used_;  // indices of the query's features
+  // By place; parallel to used_.
+  std::vector<std::vector<Support>> supports_;
+  std::vector<uint32_t> group_counts_;
 };
 
 bool IsBetter(const PlaceCandidate& a, const PlaceCandidate& b) {
@@ -159,14 +176,16 @@ Status PlaceIndexOptions::Validate() const {
 class PlaceIndex::Impl {
  public:
   explicit Impl(const PlaceIndexOptions& options)
-      : options_(options), locality_words_(options.tables, options.bits_per_word) {}
+      : options_(options),
+        locality_words_(options.tables, options.bits_per_word),
+        inverted_file_(locality_words_.word_count()) {}
 
-  void Add(SubmapId id, const Submap& submap) {
+  void Add(SubmapId id, std::shared_ptr<const Submap> submap) {
     Remove(id);
-    Place place = MakePlace(submap, options_.max_features);
+    const std::vector<const Feature*> features = FeaturesOf(*submap);
     const uint32_t slot = TakeSlot();
-    inverted_file_.Add(slot, WordsOf(place, locality_words_));
-    slots_[slot] = Entry{id, std::move(place)};
+    inverted_file_.Add(slot, WordsOf(features, locality_words_));
+    slots_[slot] = Entry{id, std::move(submap), GroupsOf(features)};
     slot_of_.emplace(id, slot);
   }
 
@@ -174,7 +193,7 @@ class PlaceIndex::Impl {
     const auto it = slot_of_.find(id);
     if (it == slot_of_.end()) return;
     const uint32_t slot = it->second;
-    inverted_file_.Remove(slot, WordsOf(slots_[slot]->place, locality_words_));
+    inverted_file_.Remove(slot, WordsOf(FeaturesOf(*slots_[slot]->submap), locality_words_));
     slots_[slot].reset();
     free_slots_.push_back(slot);
     slot_of_.erase(it);
@@ -183,13 +202,15 @@ class PlaceIndex::Impl {
   std::vector<PlaceCandidate> Query(const Submap& submap, int max_candidates,
                                     const std::function<bool(SubmapId)>& admissible) const {
     if (max_candidates <= 0) return {};
-    const Place query = MakePlace(submap, options_.max_features);
-    std::vector<PlaceCandidate> candidates = Shortlist(query, max_candidates, admissible);
-    std::vector<const Place*> places;
+    const std::vector<const Feature*> features = FeaturesOf(submap);
+    std::vector<PlaceCandidate> candidates = Shortlist(features, max_candidates, admissible);
+    const Place query = {DescriptorsOf(features), GroupsOf(features)};
+    SimilarityScorer scorer(options_, query);
     for (const PlaceCandidate& candidate : candidates) {
-      places.push_back(&slots_[slot_of_.at(candidate.submap)]->place);
+      const Entry& entry = *slots_[slot_of_.at(candidate.submap)];
+      scorer.Add(DescriptorsOf(FeaturesOf(*entry.submap)), entry.groups);
     }
-    const std::vector<double> scores = SimilarityScorer(options_, query).Score(places);
+    const std::vector<double> scores = scorer.Scores();
     for (size_t i = 0; i < candidates.size(); ++i) candidates[i].score = scores[i];
     std::erase_if(candidates, [](const PlaceCandidate& c) { return c.score <= 0; });
     KeepBest(max_candidates, &candidates);
@@ -201,8 +222,15 @@ class PlaceIndex::Impl {
  private:
   struct Entry {
     SubmapId id;
-    Place place;
+    // Its descriptors are laid out for the comparison when they are compared: copies of all of them
+    // would take a third of the index.
+    std::shared_ptr<const Submap> submap;
+    Groups groups;
   };
+
+  std::vector<const Feature*> FeaturesOf(const Submap& submap) const {
+    return ThinnedFeatures(submap, options_.max_features);
+  }
 
   uint32_t TakeSlot() {
     if (free_slots_.empty()) {
@@ -215,7 +243,8 @@ class PlaceIndex::Impl {
   }
 
   // The admissible submaps with most votes; all of them if they are few.
-  std::vector<PlaceCandidate> Shortlist(const Place& query, int max_candidates,
+  std::vector<PlaceCandidate> Shortlist(const std::vector<const Feature*>& query,
+                                        int max_candidates,
                                         const std::function<bool(SubmapId)>& admissible) const {
     const size_t count = std::max(options_.shortlist, max_candidates);
     const bool vote = slot_of_.size() > count;
@@ -249,7 +278,9 @@ StatusOr<std::unique_ptr<PlaceIndex>> PlaceIndex::Create(const PlaceIndexOptions
   return std::unique_ptr<PlaceIndex>(new PlaceIndex(std::make_unique<Impl>(options)));
 }
 
-void PlaceIndex::Add(SubmapId id, const Submap& submap) { impl_->Add(id, submap); }
+void PlaceIndex::Add(SubmapId id, std::shared_ptr<const Submap> submap) {
+  impl_->Add(id, std::move(submap));
+}
 
 void PlaceIndex::Remove(SubmapId id) { impl_->Remove(id); }
 

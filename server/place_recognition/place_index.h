@@ -17,8 +17,8 @@ struct PlaceIndexOptions {
   // tables find more, longer words cost less; the figures are in README.md.
   int tables = 8;
   int bits_per_word = 20;
-  // Described features kept of a submap; more are thinned evenly. Bounds memory (about 64 bytes a
-  // feature) and time.
+  // Described features kept of a submap; more are thinned evenly. Bounds memory (8 bytes a
+  // word, a word a table) and time.
   int max_features = 1200;
   // Words that more than this share of the submaps hold (and more than 30) say little and cost
   // most of the time; they are skipped.
@@ -58,8 +58,8 @@ class PlaceIndex {
   PlaceIndex& operator=(const PlaceIndex&) = delete;
 
   // Indexes the features of the described keyframes; a submap without features is legal and never
-  // found. Adding an id again replaces what it had.
-  void Add(SubmapId id, const Submap& submap);
+  // found. Adding an id again replaces what it had. Keeps the submap, whose descriptors it reads.
+  void Add(SubmapId id, std::shared_ptr<const Submap> submap);
   // Forgets a submap; no effect if it is not there.
   void Remove(SubmapId id);
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/camera/camera_model.h"
+#include "common/linear_algebra/symmetric3.h"
 #include "common/submap/submap.h"
 
 namespace portolan {
@@ -15,10 +16,10 @@ namespace portolan {
 // other submap. Lengths in submap units.
 struct RefinedLandmark {
   TrackId track;
+  int observation_count = 0;
   Eigen::Vector3d point_in_submap = Eigen::Vector3d::Zero();
   // Large along the ray where the parallax is small; always positive definite.
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
-  int observation_count = 0;
+  Symmetric3 covariance;
 };
 
 struct RefinedSubmap {

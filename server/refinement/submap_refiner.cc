@@ -379,10 +379,13 @@ class Refinement {
       landmark.track = track;
       landmark.point_in_submap = problem_.points[point].point_in_world;
       const double floor = kRelativeVarianceFloor * landmark.point_in_submap.squaredNorm();
-      landmark.covariance = factor * covariance.Point(point) + floor * Eigen::Matrix3d::Identity();
+      const Eigen::Matrix3d spread =
+          factor * covariance.Point(point) + floor * Eigen::Matrix3d::Identity();
+      landmark.covariance = spread;
       landmark.observation_count = counts[point];
-      if (landmark.covariance.allFinite()) submap_.landmarks.push_back(landmark);
+      if (spread.allFinite()) submap_.landmarks.push_back(landmark);
     }
+    submap_.landmarks.shrink_to_fit();
   }
 
   // Residual variance over its expectation: the sigmas of the observations are the agent's guess.

@@ -94,9 +94,10 @@ class AgentNumbers {
 void FillLandmark(const FusedLandmark& landmark, AgentNumbers* agents, v1::Landmark* message) {
   message->set_landmark_id(landmark.id.value());
   ToProto(landmark.point_in_world, message->mutable_point_in_world());
+  const Eigen::Matrix3d covariance = landmark.covariance.Matrix();
   for (int row = 0; row < 3; ++row) {
     for (int column = row; column < 3; ++column) {
-      message->add_covariance(static_cast<float>(landmark.covariance(row, column)));
+      message->add_covariance(static_cast<float>(covariance(row, column)));
     }
   }
   message->set_observation_count(static_cast<uint32_t>(landmark.observation_count));

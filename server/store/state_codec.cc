@@ -42,7 +42,7 @@ std::string EncodeRefined(const RefinedSubmap& refined) {
     writer.Write(landmark.track.value());
     writer.Write(static_cast<uint32_t>(landmark.observation_count));
     writer.WriteVector(landmark.point_in_submap);
-    writer.WriteSymmetric<3>(landmark.covariance);
+    writer.WriteSymmetric<3>(landmark.covariance.Matrix());
   }
   return writer.Take();
 }
@@ -108,7 +108,7 @@ std::string EncodeLandmarks(const std::vector<FusedLandmark>& landmarks) {
   for (const FusedLandmark& landmark : landmarks) {
     writer.Write(landmark.id.value());
     writer.WriteVector(landmark.point_in_world);
-    writer.WriteSymmetric<3>(landmark.covariance);
+    writer.WriteSymmetric<3>(landmark.covariance.Matrix());
     writer.Write(static_cast<uint32_t>(landmark.observation_count));
     writer.Write(static_cast<uint32_t>(landmark.sights.size()));
     for (const LandmarkSight& sight : landmark.sights) {

@@ -105,7 +105,7 @@ class Search {
     const Matrix23d jacobian =
         other_from_own_.scale * d_pixel_d_point *
         (camera_from_other.rotation * other_from_own_.rotation).toRotationMatrix();
-    Eigen::Matrix2d covariance = jacobian * landmark.covariance * jacobian.transpose();
+    Eigen::Matrix2d covariance = jacobian * landmark.covariance.Matrix() * jacobian.transpose();
     covariance.diagonal().array() += options_.relation_sigma_px * options_.relation_sigma_px;
     const double radius =
         std::min(options_.max_radius_px,

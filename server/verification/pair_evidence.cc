@@ -30,7 +30,7 @@ std::optional<RaySight> MakeSight(const SubmapPoint& own, const SubmapPoints& ot
   if (view == nullptr || !view->bearing) return std::nullopt;
   RaySight sight;
   sight.landmark_in_own = own.landmark->point_in_submap;
-  sight.covariance = own.landmark->covariance;
+  sight.covariance = own.landmark->covariance.Matrix();
   sight.camera_from_other = &other.camera_from_submap[other_keyframe];
   sight.camera_rotation_other = sight.camera_from_other->rotation.toRotationMatrix();
   sight.bearing = *view->bearing;

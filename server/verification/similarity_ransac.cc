@@ -29,7 +29,7 @@ double LogDepthWeight(const RefinedLandmark& landmark, const Eigen::Vector3d& po
   const double depth_squared = point_in_camera.squaredNorm();
   const Eigen::Vector3d ray =
       camera_from_submap.rotation.conjugate() * point_in_camera / std::sqrt(depth_squared);
-  return 1.0 / (ray.dot(landmark.covariance * ray) / depth_squared + 0.05 * 0.05);
+  return 1.0 / (landmark.covariance.SquareOf(ray) / depth_squared + 0.05 * 0.05);
 }
 
 class Sampler {

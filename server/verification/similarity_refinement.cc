@@ -100,7 +100,8 @@ class Problem {
       const auto projection = ProjectSight(sight, transfers);
       if (!projection) continue;
       const Matrix23d& jacobian = projection->d_pixel_d_landmark;
-      Eigen::Matrix2d covariance = jacobian * sight.landmark->covariance * jacobian.transpose();
+      Eigen::Matrix2d covariance =
+          jacobian * sight.landmark->covariance.Matrix() * jacobian.transpose();
       covariance.diagonal().array() += sight.variance_px2;
       const Eigen::Matrix2d information = covariance.inverse();
       if (information.allFinite()) sight.information = information;

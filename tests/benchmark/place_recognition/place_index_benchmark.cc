@@ -91,6 +91,10 @@ Submap Revisit(uint64_t seed) {
   return submap;
 }
 
+std::shared_ptr<const Submap> Shared(Submap submap) {
+  return std::make_shared<const Submap>(std::move(submap));
+}
+
 // Indices are made once a size, since filling the largest takes longer than measuring.
 PlaceIndex& IndexOf(int size) {
   static std::map<int, std::unique_ptr<PlaceIndex>>& indices =
@@ -100,7 +104,7 @@ PlaceIndex& IndexOf(int size) {
     auto created = PlaceIndex::Create({});
     PORTOLAN_CHECK(created.ok());
     index = *std::move(created);
-    for (int i = 0; i < size; ++i) index->Add(SubmapId(i), MakePlace(i));
+    for (int i = 0; i < size; ++i) index->Add(SubmapId(i), Shared(MakePlace(i)));
   }
   return *index;
 }
@@ -126,7 +130,7 @@ BENCHMARK(BM_PlaceIndexQuery)->Arg(100)->Arg(1000)->Arg(10000)->Unit(benchmark::
 void BM_PlaceIndexAddRemove(benchmark::State& state) {
   const int size = static_cast<int>(state.range(0));
   PlaceIndex& index = IndexOf(size);
-  const Submap place = MakePlace(123456);
+  const auto place = Shared(MakePlace(123456));
   for (auto _ : state) {
     index.Add(SubmapId(size), place);
     index.Remove(SubmapId(size));

@@ -16,6 +16,21 @@ struct Positions {
   double path_m = 0;
 };
 
+// Within 0.1 rad, and a metre and a tenth of the distance; the sides' units are told by their paths.
+bool IsRight(const Closure& closure, const MapSnapshot& snapshot,
+             const std::vector<std::vector<Rigid3>>& truth) {
+  const auto index = [](SubmapId id) { return static_cast<size_t>(id.value()) - 1; };
+  const std::vector<Rigid3>& a = truth[index(closure.a)];
+  const std::vector<Rigid3>& b = truth[index(closure.b)];
+  const RefinedSubmap& refined = *snapshot.submaps[index(closure.a)]->refined;
+  const double unit = refined.submap_from_camera.back().translation.norm() /
+                      (a.back().translation - a.front().translation).norm();
+  const Rigid3 expected = a.front().Inverse() * b.front();
+  const double distance = (closure.a_from_b.translation / unit - expected.translation).norm();
+  return closure.a_from_b.rotation.angularDistance(expected.rotation) < 0.1 &&
+         distance < 1 + 0.1 * expected.translation.norm();
+}
+
 }  // namespace
 
 MapError ErrorOf(const MapSnapshot& snapshot, const std::vector<std::vector<Rigid3>>& truth) {
@@ -36,6 +51,12 @@ MapError ErrorOf(const MapSnapshot& snapshot, const std::vector<std::vector<Rigi
     }
   }
   error.components = static_cast<int>(components.size());
+  for (const Closure& closure : *snapshot.closures) {
+    ++(IsRight(closure, snapshot, truth) ? error.accepted_right : error.accepted_wrong);
+  }
+  for (const Closure& closure : *snapshot.waiting_closures) {
+    ++(IsRight(closure, snapshot, truth) ? error.waiting_right : error.waiting_wrong);
+  }
   for (const auto& [id, positions] : components) {
     if (positions.submaps <= error.submaps) continue;
     const auto aligned = AlignPoints(positions.estimate, positions.truth, AlignmentMode::kSim3);

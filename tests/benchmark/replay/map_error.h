@@ -15,6 +15,11 @@ struct MapError {
   int submaps = 0;
   double ate_m = 0;
   double path_m = 0;  // length of the true paths of its submaps
+  // Closures of all components.
+  int accepted_right = 0;
+  int accepted_wrong = 0;
+  int waiting_right = 0;
+  int waiting_wrong = 0;
 };
 
 // truth[i]: true camera poses of the submap with id i + 1.

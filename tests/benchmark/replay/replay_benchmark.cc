@@ -85,7 +85,7 @@ class Replay {
     std::printf(
         "submaps | integrate wall ms median p95 max | CPU ms median p95 | wall ms refine link "
         "recognise verify align fuse | background ms a step, to its interrupt p95 | components "
-        "closures | ATE mm | RSS MB | index CPU ms\n");
+        "closures right wrong, waiting right wrong | ATE mm | RSS MB | index CPU ms\n");
     for (int i = 1; i <= submaps_; ++i) {
       Integrate(i);
       if (i == submaps_ || i == 100 || i == 300 || i == 1000 || i == 3000) Report(i);
@@ -149,16 +149,16 @@ class Replay {
     const MapError error = ErrorOf(*snapshot, truth_);
     std::printf(
         "%6d | %6.1f %6.1f %7.1f | %6.1f %6.1f | %5.1f %5.2f %5.1f %6.1f %6.1f %5.1f | %6.1f %6.1f "
-        "| %4d %6zu | "
+        "| %4d %6d %d, %d %d | "
         "%8.1f of %5d (%d quarantined, %.0f m) | %6.0f | %5.2f\n",
         number, Quantile(last, 0.5), Quantile(last, 0.95), Quantile(last, 1),
         Quantile(last_cpu, 0.5), Quantile(last_cpu, 0.95), MeanMs(now.refine, before_.refine),
         MeanMs(now.link, before_.link), MeanMs(now.recognise, before_.recognise),
         MeanMs(now.verify, before_.verify), MeanMs(now.align, before_.align),
         MeanMs(now.fuse, before_.fuse), MeanMs(now.background, before_.background),
-        Quantile(background_, 0.95), error.components, snapshot->closures->size(),
-        1000 * error.ate_m, error.submaps, error.quarantined, error.path_m,
-        ProcessMemoryMb("self", "VmRSS"), index_ms_);
+        Quantile(background_, 0.95), error.components, error.accepted_right, error.accepted_wrong,
+        error.waiting_right, error.waiting_wrong, 1000 * error.ate_m, error.submaps,
+        error.quarantined, error.path_m, ProcessMemoryMb("self", "VmRSS"), index_ms_);
     std::fflush(stdout);
     before_ = now;
     background_.clear();

@@ -29,10 +29,11 @@ std::shared_ptr<const SubmapState> MakeWallState(const std::string& agent, int64
     const double right = 0.5 * depth * uniform(random), down = 0.4 * depth * uniform(random);
     const Eigen::Vector3d point(right, down, depth);
     const LandmarkSight sight{refined->id, TrackId(static_cast<uint32_t>(i))};
-    refined->landmarks.push_back({sight.track, point, 1e-4 * Eigen::Matrix3d::Identity(), 5});
+    const Eigen::Matrix3d covariance = 1e-4 * Eigen::Matrix3d::Identity();
+    refined->landmarks.push_back({sight.track, 5, point, covariance});
     state->landmarks.push_back({LandmarkIdOf(sight),
                                 state->world_from_submap * point,
-                                4e-4 * Eigen::Matrix3d::Identity(),
+                                Eigen::Matrix3d(4 * covariance),
                                 5,
                                 {sight}});
     Feature feature;

@@ -35,7 +35,8 @@ class MapFuserTest : public ::testing::Test {
         if (!anew) continue;
         EXPECT_EQ(landmark.point_in_world, anew->point_in_world);
         EXPECT_EQ(landmark.sights, anew->sights);
-        EXPECT_LT((landmark.covariance - anew->covariance).norm(), 0.2 * anew->covariance.norm());
+        const Eigen::Matrix3d expected = anew->covariance.Matrix();
+        EXPECT_LT((landmark.covariance.Matrix() - expected).norm(), 0.2 * expected.norm());
         ++count;
       }
     }
@@ -62,7 +63,7 @@ TEST_F(MapFuserTest, SnapshotHoldsEverySubmapAndItsLandmarks) {
       previous = landmark.id;
       EXPECT_EQ(landmark.sights.front().submap, state->refined->id);
       EXPECT_GE(landmark.observation_count, 3);
-      EXPECT_EQ(Eigen::LLT<Eigen::Matrix3d>(landmark.covariance).info(), Eigen::Success);
+      EXPECT_EQ(Eigen::LLT<Eigen::Matrix3d>(landmark.covariance.Matrix()).info(), Eigen::Success);
       ++landmarks;
     }
   }

@@ -40,6 +40,10 @@ Submap RandomPlace(uint64_t seed, int count = 200) {
   return submap;
 }
 
+std::shared_ptr<const Submap> Shared(Submap submap) {
+  return std::make_shared<const Submap>(std::move(submap));
+}
+
 // The same place again: a share of its features, disturbed, the rest new.
 Submap Revisit(const Submap& place, double share, int noise_bits, uint64_t seed) {
   std::mt19937_64 random(seed);
@@ -60,7 +64,7 @@ std::unique_ptr<PlaceIndex> MakeIndex(PlaceIndexOptions options = {}) {
 
 TEST(PlaceIndex, FindsTheRevisitedPlaceAmongMany) {
   const auto index = MakeIndex();
-  for (int i = 0; i < 300; ++i) index->Add(SubmapId(i), RandomPlace(i));
+  for (int i = 0; i < 300; ++i) index->Add(SubmapId(i), Shared(RandomPlace(i)));
   for (int i = 0; i < 300; i += 17) {
     const auto found = index->Query(Revisit(RandomPlace(i), 0.3, 35, 1000 + i), 5, {});
     ASSERT_FALSE(found.empty());
@@ -75,8 +79,8 @@ TEST(PlaceIndex, ShortlistFindsWhatExhaustiveSearchFinds) {
   exhaustive.shortlist = 1000;
   const auto exact = MakeIndex(exhaustive), fast = MakeIndex();
   for (int i = 0; i < 200; ++i) {
-    exact->Add(SubmapId(i), RandomPlace(i));
-    fast->Add(SubmapId(i), RandomPlace(i));
+    exact->Add(SubmapId(i), Shared(RandomPlace(i)));
+    fast->Add(SubmapId(i), Shared(RandomPlace(i)));
   }
   for (int i = 0; i < 40; ++i) {
     const Submap query = Revisit(RandomPlace(i), 0.4, 40, 2000 + i);
@@ -86,7 +90,7 @@ TEST(PlaceIndex, ShortlistFindsWhatExhaustiveSearchFinds) {
 
 TEST(PlaceIndex, OnlyAdmissibleSubmapsAreFound) {
   const auto index = MakeIndex();
-  for (int i = 0; i < 50; ++i) index->Add(SubmapId(i), RandomPlace(i % 25));
+  for (int i = 0; i < 50; ++i) index->Add(SubmapId(i), Shared(RandomPlace(i % 25)));
   const auto found = index->Query(RandomPlace(3), 5, [](SubmapId id) { return id != SubmapId(3); });
   ASSERT_FALSE(found.empty());
   EXPECT_EQ(found[0].submap, SubmapId(28));
@@ -96,7 +100,7 @@ TEST(PlaceIndex, OnlyAdmissibleSubmapsAreFound) {
 
 TEST(PlaceIndex, RemovedSubmapsAreForgottenAndReplacedOnesReplaced) {
   const auto index = MakeIndex();
-  for (int i = 0; i < 40; ++i) index->Add(SubmapId(i), RandomPlace(i));
+  for (int i = 0; i < 40; ++i) index->Add(SubmapId(i), Shared(RandomPlace(i)));
   index->Remove(SubmapId(7));
   index->Remove(SubmapId(7));
   index->Remove(SubmapId(999));
@@ -104,16 +108,16 @@ TEST(PlaceIndex, RemovedSubmapsAreForgottenAndReplacedOnesReplaced) {
   for (const PlaceCandidate& c : index->Query(RandomPlace(7), 40, {})) {
     EXPECT_NE(c.submap, SubmapId(7));
   }
-  index->Add(SubmapId(8), RandomPlace(500));
+  index->Add(SubmapId(8), Shared(RandomPlace(500)));
   EXPECT_EQ(index->submap_count(), 39);
   EXPECT_EQ(index->Query(RandomPlace(500), 1, {})[0].submap, SubmapId(8));
 }
 
 TEST(PlaceIndex, AnswerDoesNotDependOnTheOrderOfAdding) {
   const auto forward = MakeIndex(), backward = MakeIndex();
-  for (int i = 0; i < 100; ++i) forward->Add(SubmapId(i), RandomPlace(i));
-  backward->Add(SubmapId(1000), RandomPlace(1000));
-  for (int i = 99; i >= 0; --i) backward->Add(SubmapId(i), RandomPlace(i));
+  for (int i = 0; i < 100; ++i) forward->Add(SubmapId(i), Shared(RandomPlace(i)));
+  backward->Add(SubmapId(1000), Shared(RandomPlace(1000)));
+  for (int i = 99; i >= 0; --i) backward->Add(SubmapId(i), Shared(RandomPlace(i)));
   backward->Remove(SubmapId(1000));
   for (int i = 0; i < 100; i += 9) {
     const Submap query = Revisit(RandomPlace(i), 0.5, 40, i);
@@ -134,17 +138,17 @@ TEST(PlaceIndex, RepeatedFeaturesCountOnce) {
   for (int i = 0; i < 100; ++i) {
     bursty.keyframes[0].features[i].descriptor = place.keyframes[0].features[0].descriptor;
   }
-  for (int i = 10; i < 60; ++i) index->Add(SubmapId(i), RandomPlace(i));
-  index->Add(SubmapId(2), bursty);
-  index->Add(SubmapId(3), Revisit(place, 0.15, 10, 5));
+  for (int i = 10; i < 60; ++i) index->Add(SubmapId(i), Shared(RandomPlace(i)));
+  index->Add(SubmapId(2), Shared(bursty));
+  index->Add(SubmapId(3), Shared(Revisit(place, 0.15, 10, 5)));
   EXPECT_EQ(index->Query(place, 1, {})[0].submap, SubmapId(3));
 }
 
 TEST(PlaceIndex, EmptyAndHugeSubmapsAreLegal) {
   const auto index = MakeIndex();
   EXPECT_TRUE(index->Query(RandomPlace(1), 5, {}).empty());
-  index->Add(SubmapId(1), Submap());
-  index->Add(SubmapId(2), RandomPlace(2, 20000));
+  index->Add(SubmapId(1), Shared(Submap()));
+  index->Add(SubmapId(2), Shared(RandomPlace(2, 20000)));
   EXPECT_TRUE(index->Query(Submap(), 5, {}).empty());
   EXPECT_EQ(index->Query(RandomPlace(2, 20000), 5, {})[0].submap, SubmapId(2));
   index->Remove(SubmapId(1));
@@ -193,7 +197,7 @@ TEST(LocalityWords, SharedWordsFallOffWithTheDistance) {
 }
 
 TEST(InvertedFile, RareWordsWeighMoreAndCommonOnesNothing) {
-  InvertedFile file;
+  InvertedFile file(1000);
   for (uint32_t slot = 0; slot < 40; ++slot) file.Add(slot, {1, 100 + slot, 200 + slot / 2});
   const auto votes = file.Vote({1, 105, 202}, 0.3);
   EXPECT_GT(votes[5], votes[4]);
@@ -201,6 +205,42 @@ TEST(InvertedFile, RareWordsWeighMoreAndCommonOnesNothing) {
   EXPECT_EQ(votes[7], 0u);  // word 1 is in all of them
   file.Remove(5, {1, 105, 202});
   EXPECT_EQ(file.Vote({105}, 0.3)[5], 0u);
+}
+
+// With few words to be told apart its map becomes a table on the way.
+TEST(InvertedFile, VotesAreTheSameHoweverManyWordsThereMayBe) {
+  constexpr uint32_t kWords = 200;
+  std::mt19937 random(5);
+  std::vector<std::vector<uint32_t>> documents(150);
+  for (auto& words : documents) {
+    for (uint32_t word = 0; word < kWords; ++word) {
+      if (random() % 20 == 0) words.push_back(word);
+    }
+  }
+  InvertedFile crowded(kWords);
+  InvertedFile sparse(1u << 20);
+  const auto expect_same = [&] {
+    for (const auto& words : documents) EXPECT_EQ(crowded.Vote(words, 1), sparse.Vote(words, 1));
+  };
+  for (uint32_t slot = 0; slot < documents.size(); ++slot) {
+    crowded.Add(slot, documents[slot]);
+    sparse.Add(slot, documents[slot]);
+  }
+  expect_same();
+  for (uint32_t slot = 0; slot < documents.size(); slot += 2) {
+    crowded.Remove(slot, documents[slot]);
+    sparse.Remove(slot, documents[slot]);
+  }
+  expect_same();
+  // Everything goes and comes again.
+  for (uint32_t slot = 1; slot < documents.size(); slot += 2) {
+    crowded.Remove(slot, documents[slot]);
+    sparse.Remove(slot, documents[slot]);
+  }
+  EXPECT_EQ(crowded.Vote(documents[0], 1), std::vector<uint32_t>(documents.size(), 0));
+  crowded.Add(7, documents[7]);
+  sparse.Add(7, documents[7]);
+  expect_same();
 }
 
 }  // namespace

@@ -175,7 +175,7 @@ TEST(SubmapRefiner, LandmarkCovariancesMatchTheirErrors) {
       const Eigen::Vector3d error =
           expected / estimated * landmark.point_in_submap -
           submap_from_world * mission.points_of_tracks[0].at(landmark.track);
-      nees += error.dot(landmark.covariance.ldlt().solve(error));
+      nees += error.dot(landmark.covariance.Matrix().ldlt().solve(error));
       ++count;
     }
   }
@@ -198,7 +198,7 @@ TEST(SubmapRefiner, PureRotationStaysBounded) {
   }
   for (const RefinedLandmark& landmark : refined->landmarks) {
     EXPECT_TRUE(landmark.point_in_submap.allFinite());
-    EXPECT_EQ(Eigen::LLT<Eigen::Matrix3d>(landmark.covariance).info(), Eigen::Success);
+    EXPECT_EQ(Eigen::LLT<Eigen::Matrix3d>(landmark.covariance.Matrix()).info(), Eigen::Success);
   }
 }
 
@@ -209,7 +209,7 @@ TEST(SubmapRefiner, LandmarkWithoutParallaxHasLargeVarianceAlongItsRay) {
   const auto refined = Refine(mission, 0);
   for (const RefinedLandmark& landmark : refined->landmarks) {
     const Eigen::Vector3d ray = landmark.point_in_submap.normalized();
-    const double along = std::sqrt(ray.dot(landmark.covariance * ray));
+    const double along = std::sqrt(landmark.covariance.SquareOf(ray));
     EXPECT_GT(along, 0.1 * landmark.point_in_submap.norm());
   }
 }

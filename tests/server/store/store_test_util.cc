@@ -125,7 +125,7 @@ std::shared_ptr<const SubmapState> MakeState(const StoredSubmap& stored, Compone
   }
   for (int i = 0; i < landmarks; ++i) {
     const TrackId track(100 + i);
-    refined->landmarks.push_back({track, DrawVector(random), DrawCovariance<3>(random), 4});
+    refined->landmarks.push_back({track, 4, DrawVector(random), DrawCovariance<3>(random)});
     const LandmarkSight sight{stored.id, track};
     state->landmarks.push_back({LandmarkIdOf(sight),
                                 position + DrawVector(random),

@@ -72,12 +72,9 @@ std::shared_ptr<const SubmapState> MakeFakeState(const SubmapInput& input, int l
   for (int i = 0; i < landmarks; ++i) {
     const LandmarkSight sight{input.id, TrackId(i)};
     const Eigen::Vector3d point(uniform(random), uniform(random), uniform(random));
-    refined->landmarks.push_back({sight.track, point, Eigen::Matrix3d::Identity(), 2});
-    state->landmarks.push_back({LandmarkIdOf(sight),
-                                state->world_from_submap * point,
-                                Eigen::Matrix3d::Identity(),
-                                2 + i % 3,
-                                {sight}});
+    refined->landmarks.push_back({sight.track, 2, point, Symmetric3()});
+    state->landmarks.push_back(
+        {LandmarkIdOf(sight), state->world_from_submap * point, Symmetric3(), 2 + i % 3, {sight}});
   }
   state->refined = std::move(refined);
   return state;
