@@ -93,8 +93,9 @@ Status Run(const std::vector<std::string>& arguments) {
   PORTOLAN_ASSIGN_OR_RETURN(const Places places, ReadPlaces(arguments));
   if (places.known.empty()) return absl::InvalidArgumentError("no submap has ground truth");
   PORTOLAN_ASSIGN_OR_RETURN(const std::unique_ptr<PlaceIndex> index, PlaceIndex::Create({}));
-  for (const PlacedByTruth& place : places.known)
-    index->Add(place.refined->id, *place.refined->raw);
+  for (const PlacedByTruth& place : places.known) {
+    index->Add(place.refined->id, place.refined->raw);
+  }
   std::printf("%8s %8s %10s %10s %10s\n", "submaps", "queries", "recall@5", "median ms", "p95 ms");
   Ask(places, *index);
   std::mt19937_64 random(1);
@@ -102,7 +103,7 @@ Status Run(const std::vector<std::string>& arguments) {
   for (const int size : kSizes) {
     for (; index->submap_count() < size; ++next) {
       const Submap& pattern = *places.patterns[next % places.patterns.size()];
-      index->Add(SubmapId(next), MakeDistractor(pattern, &random));
+      index->Add(SubmapId(next), std::make_shared<const Submap>(MakeDistractor(pattern, &random)));
     }
     Ask(places, *index);
   }

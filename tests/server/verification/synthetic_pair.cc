@@ -120,7 +120,7 @@ class PairBuilder {
     const Eigen::Vector3d noise(Normal(), Normal(), Normal());
     const Eigen::Matrix3d root = covariance.llt().matrixL();
     submap->landmarks.push_back(
-        {track, in_submap + options_.noise_px * root * noise, covariance, count});
+        {track, count, in_submap + options_.noise_px * root * noise, covariance});
   }
 
   const SyntheticPairOptions options_;
