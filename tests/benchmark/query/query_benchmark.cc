@@ -37,7 +37,7 @@ std::shared_ptr<const SubmapState> MakeState(int64_t id, std::mt19937* random) {
     state->landmarks.push_back(
         {LandmarkIdOf(sight),
          center + Eigen::Vector3d(normal(*random), normal(*random), normal(*random)),
-         Eigen::Matrix3d::Identity(),
+         Symmetric3(),
          5,
          {sight}});
   }
