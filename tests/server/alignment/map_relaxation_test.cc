@@ -156,8 +156,9 @@ TEST_F(MapRelaxationTest, InterruptedAgainAndAgainItComesToTheSame) {
   std::atomic<bool> interrupt = false;
   std::atomic<bool> done = false;
   std::thread other([&] {
-    while (!done) {
-      std::this_thread::sleep_for(std::chrono::microseconds(200));
+    // Ever later, so that a build that is slow comes to an end as well.
+    for (double pause_us = 200; !done; pause_us *= 1.2) {
+      std::this_thread::sleep_for(std::chrono::duration<double, std::micro>(pause_us));
       interrupt = true;
     }
   });
