@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <future>
 #include <map>
 #include <thread>
 
@@ -154,13 +155,11 @@ TEST_F(MapRelaxationTest, InterruptedAgainAndAgainItComesToTheSame) {
 
   MapRelaxation broken({}, {}, ids_, model_, nullptr);
   std::atomic<bool> interrupt = false;
-  std::atomic<bool> done = false;
-  std::thread other([&] {
+  std::promise<void> done;
+  std::thread other([&, is_done = done.get_future()] {
     // Ever later, so that a build that is slow comes to an end as well.
-    for (double pause_us = 200; !done; pause_us *= 1.2) {
-      std::this_thread::sleep_for(std::chrono::duration<double, std::micro>(pause_us));
-      interrupt = true;
-    }
+    std::chrono::duration<double, std::micro> pause(200);
+    for (; is_done.wait_for(pause) == std::future_status::timeout; pause *= 1.2) interrupt = true;
   });
   int interruptions = 0;
   while (!broken.Run(&interrupt)) {
@@ -168,7 +167,7 @@ TEST_F(MapRelaxationTest, InterruptedAgainAndAgainItComesToTheSame) {
     ++interruptions;
     interrupt = false;
   }
-  done = true;
+  done.set_value();
   other.join();
   EXPECT_GT(interruptions, 5);
   EXPECT_FALSE(broken.summary().interrupted);

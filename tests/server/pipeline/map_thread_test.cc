@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <future>
 #include <thread>
 
@@ -14,10 +13,12 @@
 namespace portolan {
 namespace {
 
+using ::testing::Contains;
 using ::testing::ElementsAre;
 using testing::EngineProbe;
 using testing::FakeMapEngine;
 using testing::FakeMapEngineOptions;
+using ::testing::Not;
 using ::testing::SizeIs;
 
 SubmapInput MakeInput(uint32_t number) {
@@ -94,13 +95,14 @@ TEST_F(MapThreadTest, ReadySubmapWaitsForBackgroundWorkThatEndsInTime) {
   Start(options, {.has_background_work = true});
   thread_->Push({MakeInput(0)});
   probe_->WaitForEvent("background");
-  thread_->Push({MakeInput(1)});
-  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  thread_->Push({MakeInput(1), MakeInput(2)});
+  // When the last one's turn comes the one before it is ready, and was not too late.
+  probe_->WaitForPreparations(3);
   EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "background"));
   probe_->SetBackgroundEndless(false);
   Settle();
-  EXPECT_THAT(probe_->events(),
-              ElementsAre("integrate a/0", "background", "integrate a/1", "background"));
+  EXPECT_THAT(probe_->events(), Not(Contains("interrupted")));
+  EXPECT_THAT(hub_.Get()->submaps, SizeIs(3));
 }
 
 TEST_F(MapThreadTest, ReadySubmapInterruptsBackgroundWorkAfterItsPatience) {
@@ -112,16 +114,17 @@ TEST_F(MapThreadTest, ReadySubmapInterruptsBackgroundWorkAfterItsPatience) {
   probe_->WaitForEvent("background");
   const auto pushed = std::chrono::steady_clock::now();
   // Those that come meanwhile do not make the oldest wait longer.
-  std::atomic<bool> stop = false;
-  std::thread others([&] {
-    for (uint32_t number = 1; !stop && number < 200; ++number) {
+  std::promise<void> enough;
+  std::thread others([&, stop = enough.get_future()] {
+    uint32_t number = 1;
+    do {
       thread_->Push({MakeInput(number)});
-      std::this_thread::sleep_for(std::chrono::milliseconds(50));
-    }
+    } while (++number < 200 &&
+             stop.wait_for(std::chrono::milliseconds(50)) == std::future_status::timeout);
   });
   probe_->WaitForEvent("integrate a/1");
   const auto waited = std::chrono::steady_clock::now() - pushed;
-  stop = true;
+  enough.set_value();
   others.join();
   probe_->SetBackgroundEndless(false);
   Settle();
@@ -152,7 +155,7 @@ TEST_F(MapThreadTest, LockstepIgnoresTheClock) {
   Start(options, {.has_background_work = true});
   thread_->Push({MakeInput(0), MakeInput(1), MakeInput(2)});
   probe_->WaitForEvent("background");
-  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  probe_->WaitForPreparations(3);
   EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "background"));
   probe_->SetBackgroundEndless(false);
   Settle();

@@ -41,6 +41,17 @@ void EngineProbe::WaitForEvent(const std::string& event) {
                 [&] { return std::find(events_.begin(), events_.end(), event) != events_.end(); });
 }
 
+void EngineProbe::WaitForPreparations(int count) {
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] { return preparations_ >= count; });
+}
+
+void EngineProbe::CountPreparation() {
+  const std::lock_guard lock(mutex_);
+  ++preparations_;
+  changed_.notify_all();
+}
+
 void EngineProbe::Add(const std::string& event) {
   const std::lock_guard lock(mutex_);
   events_.push_back(event);
@@ -91,6 +102,11 @@ FakeMapEngine::FakeMapEngine(const FakeMapEngineOptions& options,
 void FakeMapEngine::Restore(std::shared_ptr<const MapSnapshot> snapshot) {
   probe_->Add(Concat("restore ", snapshot->submaps.size()));
   snapshot_ = std::move(snapshot);
+}
+
+std::shared_ptr<const PreparedSubmap> FakeMapEngine::Prepare(const SubmapInput&) {
+  probe_->CountPreparation();
+  return nullptr;
 }
 
 void FakeMapEngine::IntegrateSubmap(const SubmapInput& input) {

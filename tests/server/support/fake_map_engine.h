@@ -24,16 +24,20 @@ class EngineProbe {
   // "integrate agent/number" and "background" in order.
   std::vector<std::string> events() const;
   void WaitForEvent(const std::string& event);
+  // Until so many submaps' preparation has begun.
+  void WaitForPreparations(int count);
 
  private:
   friend class FakeMapEngine;
   void Add(const std::string& event);
+  void CountPreparation();
   void WaitWhileHeld();
   bool background_endless() const;
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<std::string> events_;
+  int preparations_ = 0;
   bool hold_ = false;
   bool background_endless_ = false;
 };
@@ -51,6 +55,7 @@ class FakeMapEngine : public MapEngine {
   FakeMapEngine(const FakeMapEngineOptions& options, std::shared_ptr<EngineProbe> probe);
 
   void Restore(std::shared_ptr<const MapSnapshot> snapshot) override;
+  std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput& input) override;
   void IntegrateSubmap(const SubmapInput& input) override;
   bool HasBackgroundWork() const override { return has_background_work_; }
   void RunBackgroundWork(const std::atomic<bool>& interrupt) override;
