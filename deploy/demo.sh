@@ -59,6 +59,9 @@ if [ "${#truths[@]}" -eq "${#specs[@]}" ]; then
   references=()
   for truth in "${truths[@]}"; do references+=(--groundtruth "$truth"); done
   echo
+  echo "A single camera sees no metre: a map without metric scale is fitted to the truth in size, too, and"
+  echo "\"scale error\" says how its own unit differs from a metre."
+  echo
   echo "== Accuracy, live: what each vehicle knew at that instant; not counted are the instants at"
   echo "   which it had no place in the common map yet"
   "$build/server/cli/portolan" evaluate "${live[@]}" "${references[@]}"

@@ -23,7 +23,7 @@ constexpr Command kCommands[] = {
     {"landmarks", "landmarks in a box, in a sphere, or nearest to a point", portolan::RunLandmarks},
     {"trajectory", "an agent's trajectory", portolan::RunTrajectory},
     {"follow", "changes as they happen", portolan::RunFollow},
-    {"export", "the map as PLY, TUM or g2o", portolan::RunExport},
+    {"export", "the map as PLY, PNG, TUM or g2o", portolan::RunExport},
     {"control-points", "surveyed points: list, add, import, remove; the site's origin",
      portolan::RunControlPoints},
     {"georeference", "how components fit control points and satellite fixes",

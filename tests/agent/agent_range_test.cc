@@ -11,7 +11,6 @@
 #include "common/wire/submap_wire.h"
 #include "tests/agent/rendered_sequence.h"
 #include "tests/support/matchers.h"
-#include "tests/synthetic/frame_renderer.h"
 #include "tests/synthetic/ranges.h"
 
 namespace portolan {
@@ -35,17 +34,8 @@ synthetic::Mission LongMission() {
 CameraModel FullCamera() { return *CameraModel::Create(LongMission().options.camera); }
 
 const std::vector<TimedImage>& Images() {
-  static const auto* const images = [] {
-    const synthetic::Mission mission = LongMission();
-    synthetic::FrameRenderer renderer(mission, 0);
-    auto* result = new std::vector<TimedImage>;
-    for (int frame = 0; frame < kFrames; ++frame) {
-      cv::Mat1b image;
-      renderer.Render(frame, &image);
-      result->push_back({mission.FrameTime(frame), image});
-    }
-    return result;
-  }();
+  static const auto* const images =
+      new std::vector<TimedImage>(RenderImages(LongMission(), kFrames));
   return *images;
 }
 

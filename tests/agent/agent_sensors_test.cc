@@ -10,7 +10,6 @@
 #include "common/wire/submap_wire.h"
 #include "tests/agent/rendered_sequence.h"
 #include "tests/support/matchers.h"
-#include "tests/synthetic/frame_renderer.h"
 #include "tests/synthetic/imu.h"
 #include "tests/synthetic/random.h"
 
@@ -38,17 +37,8 @@ synthetic::Mission WavedMission() {
 }
 
 const std::vector<TimedImage>& WavedImages() {
-  static const auto* const images = [] {
-    const synthetic::Mission mission = WavedMission();
-    synthetic::FrameRenderer renderer(mission, 0);
-    auto* result = new std::vector<TimedImage>;
-    for (int frame = 0; frame < kFrames; ++frame) {
-      cv::Mat1b image;
-      renderer.Render(frame, &image);
-      result->push_back({mission.FrameTime(frame), image});
-    }
-    return result;
-  }();
+  static const auto* const images =
+      new std::vector<TimedImage>(RenderImages(WavedMission(), kFrames));
   return *images;
 }
 

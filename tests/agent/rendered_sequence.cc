@@ -7,19 +7,18 @@ namespace {
 
 constexpr int kFrames = 100;
 
-std::vector<TimedImage> RenderAll() {
-  const synthetic::Mission mission = RenderedMission(kFrames);
+}  // namespace
+
+std::vector<TimedImage> RenderImages(const synthetic::Mission& mission, int frames) {
   synthetic::FrameRenderer renderer(mission, 0);
   std::vector<TimedImage> images;
-  for (int frame = 0; frame < kFrames; ++frame) {
+  for (int frame = 0; frame < frames; ++frame) {
     cv::Mat1b image;
     renderer.Render(frame, &image);
     images.push_back({mission.FrameTime(frame), image});
   }
   return images;
 }
-
-}  // namespace
 
 synthetic::Mission RenderedMission(int frames) {
   synthetic::MissionOptions options;
@@ -30,7 +29,8 @@ synthetic::Mission RenderedMission(int frames) {
 }
 
 const std::vector<TimedImage>& RenderedImages() {
-  static const auto* const images = new std::vector<TimedImage>(RenderAll());
+  static const auto* const images =
+      new std::vector<TimedImage>(RenderImages(RenderedMission(kFrames), kFrames));
   return *images;
 }
 

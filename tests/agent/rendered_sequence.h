@@ -15,6 +15,9 @@ struct TimedImage {
   cv::Mat gray;
 };
 
+// The first images of a mission's first agent.
+std::vector<TimedImage> RenderImages(const synthetic::Mission& mission, int frames);
+
 // One vehicle that starts at rest, 376 x 240 px at 20 Hz.
 synthetic::Mission RenderedMission(int frames);
 
