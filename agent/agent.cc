@@ -1,13 +1,11 @@
 #include "agent/agent.h"
 
 #include <algorithm>
-#include <cmath>
 #include <string>
 #include <utility>
 
 #include "agent/imu/gyro_motion_model.h"
 #include "common/base/check.h"
-#include "common/base/logging.h"
 
 namespace portolan {
 namespace {

@@ -172,8 +172,10 @@ class Agent {
   bool LearnDepthOfScene();
   void TrackPoints(Timestamp time, const cv::Mat& gray);
   int UpdateFilter();
-  // Without a scale yet: tries to learn it from the IMU or ranges and goes on with it.
+  // Without a scale yet: tries to learn it from the IMU and goes on with it. Ranges are used
+  // always.
   void SeekScale(Timestamp time);
+  // Follows the laser's spots; finds the scale by them, and holds it.
   void UseRanges();
   // Before a submap ends: all of it takes the scale that its ranges have told.
   void CorrectScale();

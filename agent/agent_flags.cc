@@ -192,14 +192,15 @@ void AddLocalAdjustment(LocalAdjustmentOptions* options, OptionSection section) 
               "the same at the start and after a correction of the server");
   section.Add("loss_scale_sigmas", &options->bundle.loss_scale_sigmas, "sigmas",
               "errors beyond this many weigh less");
-  section.Add("max_lens_windows", &options->max_lens_windows, "windows",
-              "the lens's radial distortion is looked for over this many windows of max_keyframes; "
-              "0: the calibration is taken as it is");
+  section.Add(
+      "max_lens_windows", &options->max_lens_windows, "windows",
+      "the lens's radial distortion and the readout are looked for over this many windows of "
+      "max_keyframes; 0: lens and shutter are taken as they are");
   section.Add("trust_distortion", &options->trust_distortion, "",
               "a calibration with distortion is taken as it is");
   section.Add("readout_sigma_s", &options->readout_sigma_s, "s",
-              "how long it may take from an image's first row to its last until they are read; 0: "
-              "all rows are taken at once");
+              "how long it may take from reading an image's first row to its last; 0: all rows are "
+              "taken at once");
   section.Add("lens_corner_sigma_px", &options->lens_corner_sigma_px, "px",
               "how far the calibration may be off at the image's corner");
 }
@@ -238,6 +239,8 @@ void AddRange(RangeOptions* options, OptionSection section) {
               "it counts when its track ends, or as soon as it is known so well");
   section.Add("spot_sigma", &options->spot_sigma, "",
               "relative error of the distance by where exactly the laser met the surface");
+  section.Add("map_sigma", &options->map_sigma, "",
+              "relative error of the map about a spot against the whole of it");
   section.Add("min_ranges", &options->scale.min_ranges, "ranges",
               "ranges that have to agree before the submaps become metric");
   section.Add("max_log_scale_sigma", &options->scale.max_log_scale_sigma, "",

@@ -46,7 +46,8 @@ StatusOr<StereoMount> FindSecondCamera(const ImageSourceInfo& info) {
   return StereoMount{camera, second_from_first};
 }
 
-// The sensors whose samples the source delivers.
+// The sensors whose samples the source delivers. (Returned in a StatusOr, gcc 12 takes the optional
+// mounts for uninitialised.)
 Status FindSensors(const ImageSource& source, VehicleSensors* sensors) {
   const ImageSourceInfo& info = source.info();
   if (info.right_calibration) {
@@ -224,8 +225,7 @@ Status AgentRunner::ProcessFrame(const Frame& frame) {
   const PlacedPose placed =
       localizer_.Localize({frame.time, sequence_number, result->begins_submap,
                            PredecessorOf(*result), result->submap_from_camera, result->tracked,
-                           result->is_keyframe, result->restated, result->sights,
-                           result->features},
+                           result->is_keyframe, result->restated, result->sights, result->features},
                           &corrector_);
   recorder_.AddFrame(frame.time, *result, placed, MillisecondsSince(start));
   if (uplink_ && result->tracked) {

@@ -1,7 +1,9 @@
 // How a submap whose scale is free becomes metric: by the motion that an IMU has felt, or by laser
 // ranges.
 #include <cmath>
+#include <memory>
 #include <utility>
+#include <vector>
 
 #include "agent/agent.h"
 #include "common/base/logging.h"
@@ -12,9 +14,9 @@ void Agent::SeekScale(Timestamp time) {
   if (ranges_) UseRanges();
   if (!initializer_ || inertial_ || health_.last_frame_bad()) return;
   std::vector<Measurement> seen;
-  for (const TrackedPoint& point : UsablePoints()) {
-    if (landmarks_.IsLandmark(point.track))
-      seen.push_back({point.track, point.pixel, point.sigma_px});
+  for (const TrackedPoint& point : tracker_->points()) {
+    if (landmarks_.WasOutlier(point.track) || !landmarks_.IsLandmark(point.track)) continue;
+    seen.push_back({point.track, point.pixel, point.sigma_px});
   }
   initializer_->AddFrame(time, filter_->submap_from_camera(), seen);
   const auto found =

@@ -1,5 +1,4 @@
 // LocalFilter's part for sensors that measure a length now and then.
-#include <cmath>
 #include <utility>
 
 #include "agent/filter/known_depths.h"

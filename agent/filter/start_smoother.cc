@@ -76,14 +76,14 @@ int StartSmoother::NewestPoint(TrackId track) const {
   return number;
 }
 
-bool StartSmoother::AddFrame(const MotionModel& motion, const Step& step,
+bool StartSmoother::AddFrame(const MotionModel& motion, const Prediction& prediction,
                              std::span<const Observation> observations) {
   if (!active()) return false;
-  noise_factor_ = std::max(noise_factor_, step.noise_factor);
+  noise_factor_ = std::max(noise_factor_, prediction.noise_factor);
   skipped_ = (skipped_ + 1) % stride_;
   if (skipped_ > 0) return false;
   frames_.push_back(
-      {motion.time(), motion.Clone(), step.scene_depth, std::exchange(noise_factor_, 1.0)});
+      {motion.time(), motion.Clone(), prediction.scene_depth, std::exchange(noise_factor_, 1.0)});
   for (const Observation& observation : observations) {
     const int number = NewestPoint(observation.track);
     if (number < 0) continue;
@@ -281,7 +281,7 @@ void StartSmoother::Build(const CameraModel& camera, const Estimate& estimate, b
   for (int i = 0; i < n; ++i) AddSights(camera, estimate, i, robust, system);
 }
 
-bool StartSmoother::TakeStep(double damping, System* system, Estimate* estimate) const {
+bool StartSmoother::Step(double damping, System* system, Estimate* estimate) const {
   const std::vector<Eigen::Matrix3d> inverses = Eliminate(damping, system);
   Eigen::VectorXd step = system->gradient - system->by_points * system->point_gradient;
   if (!FactorCholesky(system->reduced)) return false;
@@ -308,7 +308,7 @@ std::optional<double> StartSmoother::Minimise(const CameraModel& camera, int ite
   for (int i = 0; i < iterations && damping < 1e3; ++i) {
     Estimate moved = Copy(*estimate);
     next.cost = std::numeric_limits<double>::infinity();
-    if (TakeStep(damping, &system, &moved)) Build(camera, moved, robust, &next);
+    if (Step(damping, &system, &moved)) Build(camera, moved, robust, &next);
     if (!(next.cost < system.cost)) {
       damping *= 10;
       continue;

@@ -55,9 +55,9 @@ class StartSmoother {
     double variance = 1;  // px^2
   };
 
-  // From the frame before.
-  struct Step {
-    double scene_depth = 1;
+  // How a frame was predicted from the one before.
+  struct Prediction {
+    double scene_depth = 1;   // map units
     double noise_factor = 1;  // on the motion model's noise
   };
 
@@ -70,7 +70,7 @@ class StartSmoother {
   void AddPoint(const Observation& first, double inverse_depth, double depth_sigma);
   // The motion after an update, how it was predicted, and what was seen. True if it is time to
   // Solve.
-  bool AddFrame(const MotionModel& motion, const Step& step,
+  bool AddFrame(const MotionModel& motion, const Prediction& prediction,
                 std::span<const Observation> observations);
   void End();
   bool active() const { return !frames_.empty(); }
@@ -140,7 +140,7 @@ class StartSmoother {
   void AddMotionTerms(const Estimate& estimate, System* system) const;
   void AddSights(const CameraModel& camera, const Estimate& estimate, int point, bool robust,
                  System* system) const;
-  bool TakeStep(double damping, System* system, Estimate* estimate) const;
+  bool Step(double damping, System* system, Estimate* estimate) const;
   // Fills by_points and reduced; returns the inverses of the points' own information.
   static std::vector<Eigen::Matrix3d> Eliminate(double damping, System* system);
   void MarkInliers(const CameraModel& camera, const Estimate& estimate);

@@ -1,6 +1,7 @@
 #include "agent/local_adjustment/live_localizer.h"
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 namespace portolan {

@@ -65,7 +65,7 @@ LocalAdjustment::LocalAdjustment(const LocalAdjustmentOptions& options, const Ca
       camera_(camera),
       lens_(MakeLens(std::make_shared<const CameraModel>(camera), camera,
                      options.lens_corner_sigma_px,
-                     std::max(options.readout_sigma_s, kHeldReadoutSigma))),
+                     std::max(options.readout_sigma_s, kHeldReadoutSigma_s))),
       lens_is_known_(options.trust_distortion && camera.has_distortion()),
       readout_is_known_(options.readout_sigma_s == 0) {}
 
@@ -137,10 +137,8 @@ void LocalAdjustment::AddKeyframe(Timestamp time, std::vector<KnownSight> known)
   if (static_cast<int>(keyframes_.size()) == options_.max_kept_keyframes) {
     keyframes_.erase(keyframes_.begin());
   }
-  WindowKeyframe keyframe{time, *odometry_from_camera_, window_from_camera_, {}, false};
-  keyframe.sights = sights_;
-  keyframe.known = std::move(known);
-  keyframes_.push_back(std::move(keyframe));
+  keyframes_.push_back(
+      {time, *odometry_from_camera_, window_from_camera_, sights_, false, std::move(known)});
   if (!keyframes_.back().known.empty()) FollowKnown();
   // A start is far from converged.
   const bool is_start = static_cast<int>(keyframes_.size()) <= options_.max_keyframes;

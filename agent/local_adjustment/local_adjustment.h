@@ -71,7 +71,8 @@ struct LiveSight {
 // the unit of length at the start.
 //
 // Protocol: Start; then Locate for every tracked frame in order of time, after it AddKeyframe if
-// the frame is a keyframe; Hold in between, whenever the server has told poses of keyframes.
+// the frame is a keyframe, and SetRowMotion until the next one; Restate before the Locate of the
+// frame that brought it; Hold in between, whenever the server has told poses of keyframes.
 //
 // Landmarks of the map that keyframes see again are points that no adjustment moves. All of the
 // window first follows them, as it has drifted as a whole, then its free keyframes one by one.
@@ -98,11 +99,12 @@ class LocalAdjustment {
   void Restate(const Rigid3& odometry_from_submap, std::span<const FramePose> frames,
                Timestamp last_located);
 
-  // A better row motion of the last keyframe's sight of a track.
+  // A better row motion [px/s] of the last keyframe's sight of a track; ignored if it has none.
   void SetRowMotion(TrackId track, const Eigen::Vector2f& row_motion);
 
   // k1 and k2 of the lens as somebody who has seen more has found it, less the calibration's; the
-  // window no longer looks for it by itself. Zero, or a lens that cannot be, changes nothing.
+  // window no longer looks for k1 and k2 by itself, but for the readout. Zero, or a lens that
+  // cannot be, changes nothing.
   void SetLens(const Eigen::Vector2d& added_radial);
 
   // Known poses of keyframes, in ascending time and another frame, which becomes the window's. They
@@ -176,7 +178,7 @@ class LocalAdjustment {
   const CameraModel calibration_;
   // Its lens changes.
   CameraModel camera_;
-  // Its prior: what is believed of it after the windows before.
+  // Its square root information is what is known of lens and readout after the windows before.
   BundleLens lens_;
   bool lens_is_known_ = false;
   double readout_s_ = 0;

@@ -45,7 +45,7 @@ BundleLens LocalAdjustment::LensPrior() const {
             .sqrt_information;
   }
   if (readout_is_known_) {
-    lens.sqrt_information.row(2) = LensVector(0, 0, 1 / kHeldReadoutSigma);
+    lens.sqrt_information.row(2) = LensVector(0, 0, 1 / kHeldReadoutSigma_s);
     lens.sqrt_information.col(2).head<2>().setZero();
   }
   return lens;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace portolan {
 namespace {
@@ -183,13 +184,15 @@ bool RangeScale::UpdateFilter(const ScaleFinder::Ratio& ratio, LocalFilter* filt
 
 std::optional<double> RangeScale::TakeScale(LocalFilter* filter) {
   const auto found = scale_.Find();
-  if (!found || !filter->TakeScale(std::exp(found->log_scale))) return std::nullopt;
-  Rescale(std::exp(found->log_scale));
+  if (!found) return std::nullopt;
+  const double scale = std::exp(found->log_scale);
+  if (!filter->TakeScale(scale)) return std::nullopt;
+  Rescale(scale);
   rejected_in_row_ = 0;
   log_scale_ = 0;
   log_scale_variance_ = found->sigma * found->sigma;
   last_inside_ = filter->time();
-  return std::exp(found->log_scale);
+  return scale;
 }
 
 double RangeScale::CorrectScale(LocalFilter* filter) {
@@ -228,7 +231,6 @@ std::optional<double> RangeScale::TakeRatio(const ScaleFinder::Ratio& ratio, Loc
   scale_.Add(ratio);
   ++(seeks ? counts_.used : counts_.rejected);
   if (!seeks && ++rejected_in_row_ < options_.max_rejected_in_row) return std::nullopt;
-  if (!seeks && !filter->has_scale()) return std::nullopt;
   return TakeScale(filter);
 }
 

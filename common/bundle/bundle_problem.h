@@ -24,7 +24,8 @@ struct PositionPrior {
 using LensVector = Eigen::Vector3d;
 using LensMatrix = Eigen::Matrix3d;
 
-inline constexpr double kHeldReadoutSigma = 1e-6;
+// Of a readout that is known: so firm that it does not move.
+inline constexpr double kHeldReadoutSigma_s = 1e-6;
 
 // A lens whose radial distortion is adjusted with the cameras that look through it: what a user's
 // calibration, or none, leaves is often several pixels at the image's corners, and bends maps. So
@@ -42,7 +43,7 @@ struct BundleLens {
 // pixel at the image's corner by corner_sigma_px, by k1 and again by k2. readout_sigma_s: of the
 // readout that the pixels are corrected for; the default holds it.
 BundleLens MakeLens(std::shared_ptr<const CameraModel> now, const CameraModel& nominal,
-                    double corner_sigma_px, double readout_sigma_s = kHeldReadoutSigma);
+                    double corner_sigma_px, double readout_sigma_s = kHeldReadoutSigma_s);
 
 struct BundleCamera {
   Rigid3 world_from_camera;

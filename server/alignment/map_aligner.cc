@@ -159,12 +159,13 @@ void MapAligner::Join(const std::vector<Closure>& agreeing) {
 
 // Solves the graph of each component that has waiting closures; those that fit are accepted. Links
 // and accepted closures enter as the map has them now, so that what the adjustments gained stays.
-bool MapAligner::CloseLoops() {
+bool MapAligner::CloseLoops(std::optional<ComponentId> only) {
   std::map<ComponentId, std::vector<size_t>> loops;
   std::vector<std::shared_ptr<const Closure>> in_large;
   for (size_t i = 0; i < pending_.size(); ++i) {
     const ComponentId component = model_.submap(pending_[i].a).component;
     if (component != model_.submap(pending_[i].b).component) continue;
+    if (only && component != *only) continue;
     if (IsLarge(component)) {
       in_large.push_back(pending_.shared(i));
     } else {
@@ -245,7 +246,7 @@ void MapAligner::UniteMatches(const Closure& closure) {
 void MapAligner::AdjustAround(SubmapId id) {
   if (model_.submap(id).quarantined()) return;
   // Adjusted alone to the landmarks that are there, whose errors would then be its own, a submap
-  // bends ten times as much as its link is uncertain, and closures no longer fit the map.
+  // bends several times as much as its link is uncertain, and closures no longer fit the map.
   if (model_.submaps().size() > static_cast<size_t>(options_.full_component_submaps)) return;
   MakeMetric(model_.submap(id).component);
   std::set<SubmapId> window = {id};
@@ -300,7 +301,7 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
   MakeMetric(component);
   DropFailedClosures(component);
   // What contradicted the map that wrong closures had bent may agree with this one.
-  if (stale_.empty()) CloseLoops();
+  if (!stale_.contains(component)) CloseLoops(component);
 }
 
 bool MapAligner::Survives(const Closure& closure) const {

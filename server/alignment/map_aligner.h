@@ -120,7 +120,6 @@ class MapAligner {
   const std::map<ComponentId, std::shared_ptr<const GeoreferenceReport>>& georeferences() const {
     return georeferences_;
   }
-  const MapAdjustment& last_adjustment() const { return last_adjustment_; }
   // Submaps whose pose, component or landmarks changed since the last call.
   std::set<SubmapId> TakeTouched();
   // Submaps that only moved since the last call, each nearly as a whole: their landmarks are made
@@ -149,7 +148,8 @@ class MapAligner {
   bool ReviewComponent(ComponentId component);
   bool JoinComponents();
   void Join(const std::vector<Closure>& agreeing);
-  bool CloseLoops();
+  // Of one component, or of all.
+  bool CloseLoops(std::optional<ComponentId> only = std::nullopt);
   void Accept(std::shared_ptr<const Closure> closure);
   void UniteMatches(const Closure& closure);
   void ErasePending(const std::function<bool(const Closure&)>& predicate);
@@ -193,8 +193,8 @@ class MapAligner {
   void AdjustRegion(const std::atomic<bool>& interrupt);
   // By the factor at which it is relaxed, in submaps or closures.
   bool HasGrown(ComponentId component) const;
-  // Removes what regions leave: moves all submaps of the component, each as a whole. Interrupted, it
-  // goes on with the next call, whatever was added meanwhile.
+  // Removes what regions leave: moves all submaps of the component, each as a whole. Interrupted,
+  // it goes on with the next call, whatever was added meanwhile.
   void Relax(ComponentId component, const std::atomic<bool>& interrupt);
   void BeginRelaxation(ComponentId component);
   // Moves the submaps as the relaxation did, and those that came since with their neighbours.
@@ -242,8 +242,8 @@ class MapAligner {
   // The one that was interrupted; null if none was.
   struct Relaxing {
     ComponentId component;
-    size_t closures = 0;                        // of the map, when it began
-    std::map<SubmapId, Similarity3> before;     // world_from_submap
+    size_t closures = 0;                     // of the map, when it began
+    std::map<SubmapId, Similarity3> before;  // world_from_submap
     std::unique_ptr<MapRelaxation> relaxation;
   };
   std::unique_ptr<Relaxing> relaxing_;

@@ -287,11 +287,11 @@ void MapAligner::TakeRelaxation() {
         const auto neighbour = moved.find(name);
         if (neighbour == moved.end()) continue;
         const Similarity3 change = neighbour->second;
-        const std::optional<SubmapRelation> link = model_.submap(id).link;
-        const Rigid3 first = model_.submap(id).world_from_camera.front();
-        model_.MoveSubmap(id, change * model_.submap(id).world_from_submap);
+        const ModelSubmap& submap = model_.submap(id);
+        const Rigid3 first = submap.world_from_camera.front();
+        model_.MoveSubmap(id, change * submap.world_from_submap);
         // The keyframe shared with a predecessor that was relaxed had moved with that one.
-        if (link && relaxing_->before.contains(link->a)) {
+        if (submap.link && relaxing_->before.contains(submap.link->a)) {
           const auto [owner, keyframe] = model_.CameraOf(id, 0);
           model_.SetCamera(owner, keyframe, first);
         }

@@ -35,6 +35,7 @@ struct ModelSight {
   uint16_t keyframe : 15 = 0;
   bool inlier : 1 = true;
 };
+static_assert(sizeof(ModelSight) == 4);
 
 // The sights of a submap's landmarks, one list each, ascending keyframe; in one piece, for there
 // are thousands a submap.
@@ -88,7 +89,7 @@ struct PlacedSubmap {
   std::shared_ptr<const RefinedSubmap> refined;
   ComponentId component;
   Similarity3 world_from_submap;
-  std::vector<Rigid3> world_from_camera;  // parallel to the keyframes
+  std::vector<Rigid3> world_from_camera;      // parallel to the keyframes
   std::shared_ptr<const CameraModel> camera;  // null: refined->camera
 };
 

@@ -40,10 +40,10 @@ void CorrectionDispatcher::Connect(const Key& session, uint64_t received_map_ver
     const std::lock_guard lock(mutex_);
     Session& entry = sessions_[session];
     if (!entry.planner) entry.planner = std::make_unique<CorrectionPlanner>(options_);
-    entry.offers = offered_bytes_per_second > 0 && offer_options_.bytes_per_second > 0
-                       ? std::make_unique<OfferPlanner>(offer_options_, offered_bytes_per_second,
-                                                        depths_)
-                       : nullptr;
+    entry.offers =
+        offered_bytes_per_second > 0 && offer_options_.bytes_per_second > 0
+            ? std::make_unique<OfferPlanner>(offer_options_, offered_bytes_per_second, &depths_)
+            : nullptr;
     entry.next_offers = {};
     entry.sink = std::move(sink);
     entry.resumes = true;
@@ -141,8 +141,7 @@ bool CorrectionDispatcher::ServeAll() {
       session.is_dirty = session.is_dirty || changed.contains(key);
       if (session.sink.expired()) session.offers.reset();
       some_wait |= session.offers != nullptr;
-      const bool is_offered = session.offers && now >= session.next_offers;
-      if (!session.is_dirty && session.flushes.empty() && !is_offered) continue;
+      if (!session.is_dirty && session.flushes.empty() && !session.offers_due(now)) continue;
       deliveries.push_back(Plan(&session, states_[key], *snapshot, now));
       some_wait |= session.planner && session.planner->has_deferred();
     }
@@ -168,7 +167,7 @@ CorrectionDispatcher::Delivery CorrectionDispatcher::Plan(Session* session,
   const bool is_ending = !session->flushes.empty();
   delivery.correction = session->planner->Next(states, snapshot, now, is_ending);
   session->is_dirty = session->planner->has_deferred();
-  if (session->offers && !is_ending && now >= session->next_offers) {
+  if (session->offers_due(now) && !is_ending) {
     session->next_offers = now + kRetryInterval;
     std::vector<LandmarkOffer> offers =
         session->offers->Next(states, snapshot, delivery.sink->NewestPose(), now);

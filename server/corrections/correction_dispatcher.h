@@ -58,6 +58,7 @@ class CorrectionDispatcher {
     std::unique_ptr<CorrectionPlanner> planner;
     std::unique_ptr<OfferPlanner> offers;  // null if the agent wants none, or is gone
     Duration next_offers{};
+    bool offers_due(Duration now) const { return offers != nullptr && now >= next_offers; }
     std::weak_ptr<CorrectionSink> sink;
     bool resumes = false;
     // Something changed since its agent was last told all.
@@ -106,9 +107,9 @@ class CorrectionDispatcher {
   std::shared_ptr<const MapSnapshot> followed_;
   std::map<Key, CorrectionPlanner::States> states_;
   std::vector<Place> places_;
-  const std::shared_ptr<SubmapDepths> depths_ = std::make_shared<SubmapDepths>();
 
   std::mutex mutex_;
+  SubmapDepths depths_;              // guarded by mutex_; of the sessions' planners
   std::map<Key, Session> sessions_;  // guarded by mutex_
 
   std::thread thread_;

@@ -94,10 +94,10 @@ double SubmapDepths::Of(const RefinedSubmap& refined) {
 }
 
 OfferPlanner::OfferPlanner(const OfferOptions& options, double wanted_bytes_per_second,
-                           std::shared_ptr<SubmapDepths> depths)
+                           SubmapDepths* depths)
     : options_(options),
       bytes_per_second_(std::min(options.bytes_per_second, wanted_bytes_per_second)),
-      depths_(std::move(depths)),
+      depths_(depths),
       budget_bytes_(options.burst_bytes) {}
 
 void OfferPlanner::RefillBudget(Duration now) {

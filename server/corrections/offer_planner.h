@@ -46,8 +46,8 @@ struct OfferOptions {
   Status Validate() const;
 };
 
-// Of every submap that was asked for: the median depth of its landmarks, in its units. Shared by the
-// planners of a map, which all look at most of its submaps again and again. Thread-compatible.
+// Of every submap that was asked for: the median depth of its landmarks, in its units. Shared by
+// the planners of a map, which all look at most of its submaps again and again. Thread-compatible.
 class SubmapDepths {
  public:
   double Of(const RefinedSubmap& refined);
@@ -64,8 +64,8 @@ class OfferPlanner {
   // States of the agent's session in ascending sequence number.
   using States = std::vector<std::shared_ptr<const SubmapState>>;
 
-  OfferPlanner(const OfferOptions& options, double wanted_bytes_per_second,
-               std::shared_ptr<SubmapDepths> depths);
+  // depths must outlive the planner.
+  OfferPlanner(const OfferOptions& options, double wanted_bytes_per_second, SubmapDepths* depths);
 
   // What to send now. The caller must send it.
   std::vector<LandmarkOffer> Next(const States& own, const MapSnapshot& snapshot,
@@ -111,7 +111,7 @@ class OfferPlanner {
 
   const OfferOptions options_;
   const double bytes_per_second_;
-  const std::shared_ptr<SubmapDepths> depths_;
+  SubmapDepths* const depths_;
   double budget_bytes_;
   std::optional<Duration> last_refill_;
   uint64_t takes_ = 0;

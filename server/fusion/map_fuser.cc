@@ -254,6 +254,7 @@ std::shared_ptr<const SubmapState> MapFuser::FuseSomeLandmarks(
       landmarks.insert(place, *std::move(fused));
     }
   }
+  landmarks.shrink_to_fit();
   return state;
 }
 

@@ -1,5 +1,6 @@
 #include "server/ingest/ingest.h"
 
+#include <algorithm>
 #include <set>
 #include <utility>
 
@@ -117,20 +118,18 @@ void Ingest::Submit(const SessionName& session, const v1::SubmapUpload& upload,
   }
   // What the session sent on a stream before: each connection would leave one behind, and the
   // verdict belongs to the newest.
-  const auto is_older = [&](const Pending& other) {
-    return other.key.agent == session.agent && other.key.session == session.session;
-  };
-  std::vector<VerdictCallback> replaced;
-  for (Pending& other : pending_) {
-    if (is_older(other)) replaced.push_back(std::move(other.done));
+  const auto older = std::find_if(pending_.begin(), pending_.end(), [&](const Pending& other) {
+    return SessionOf(other.key) == session;
+  });
+  VerdictCallback replaced;
+  if (older != pending_.end()) {
+    replaced = std::move(older->done);
+    pending_.erase(older);
   }
-  std::erase_if(pending_, is_older);
   pending_.push_back(*std::move(pending));
   wake_.notify_one();
   lock.unlock();
-  for (const VerdictCallback& answer : replaced) {
-    answer(absl::UnavailableError("the session sent a submap on another stream"));
-  }
+  if (replaced) replaced(absl::UnavailableError("the session sent a submap on another stream"));
 }
 
 void Ingest::FinishSession(const SessionName& session, std::function<void(Status)> done) {
@@ -198,12 +197,11 @@ std::vector<Ingest::Pending> Ingest::TakeGroup() {
 
 std::vector<Ingest::Pending> Ingest::AnswerDuplicates(std::vector<Pending> group) {
   std::vector<Pending> fresh;
-  std::set<SubmapKey> in_group;
   for (Pending& pending : group) {
     const uint32_t next = sessions_->Find(SessionOf(pending.key))->next_sequence_number;
     if (sessions_->IsCommitted(pending.key)) {
       pending.done(IngestVerdict{true, ""});
-    } else if (pending.key.sequence_number < next || !in_group.insert(pending.key).second) {
+    } else if (pending.key.sequence_number < next) {
       pending.done(IngestVerdict{false, "a later submap of the session came before"});
     } else {
       fresh.push_back(std::move(pending));

@@ -9,10 +9,8 @@ namespace {
 // Words with no more documents than this are used however small the map is.
 constexpr size_t kAlwaysUsedPostings = 30;
 
-constexpr uint32_t kEnd = UINT32_MAX;
-
-// Share of the words at which the hash map is given up. Its slots are at least an eighth empty and
-// take 13 bytes, those of a table 8.
+// Share of the words at which the hash map is given up: a little later, at 7/16 of a power of two,
+// it would double, to 13 bytes a word; a table takes 8.
 constexpr double kCrowded = 0.4;
 
 }  // namespace
@@ -30,9 +28,9 @@ const InvertedFile::Chain* InvertedFile::Find(uint32_t word) const {
 InvertedFile::Chain& InvertedFile::FindOrAdd(uint32_t word) {
   if (chain_table_.empty()) {
     if (static_cast<double>(chains_.size()) < kCrowded * word_count_) {
-      return chains_.try_emplace(word, Chain{kEnd, 0}).first->second;
+      return chains_.try_emplace(word).first->second;
     }
-    chain_table_.assign(word_count_, Chain{kEnd, 0});
+    chain_table_.assign(word_count_, {});
     for (const auto& [known, chain] : chains_) chain_table_[known] = chain;
     absl::flat_hash_map<uint32_t, Chain>().swap(chains_);
   }
@@ -43,7 +41,7 @@ void InvertedFile::Erase(uint32_t word) {
   if (chain_table_.empty()) {
     chains_.erase(word);
   } else {
-    chain_table_[word] = {kEnd, 0};
+    chain_table_[word] = {};
   }
 }
 
@@ -66,16 +64,16 @@ void InvertedFile::Add(uint32_t slot, const std::vector<uint32_t>& words) {
 
 void InvertedFile::Remove(uint32_t slot, const std::vector<uint32_t>& words) {
   for (const uint32_t word : words) {
-    if (Find(word) == nullptr) continue;
-    Chain& chain = FindOrAdd(word);
-    uint32_t* link = &chain.first;
+    Chain* chain = Find(word);
+    if (chain == nullptr) continue;
+    uint32_t* link = &chain->first;
     while (*link != kEnd && pool_[*link].slot != slot) link = &pool_[*link].next;
     if (*link == kEnd) continue;
     const uint32_t index = *link;
     *link = pool_[index].next;
     pool_[index].next = first_free_;
     first_free_ = index;
-    if (--chain.length == 0) Erase(word);
+    if (--chain->length == 0) Erase(word);
   }
   --document_count_;
 }

@@ -37,12 +37,17 @@ class InvertedFile {
     uint32_t slot;
     uint32_t next;  // in the pool
   };
+  static constexpr uint32_t kEnd = UINT32_MAX;
   struct Chain {
-    uint32_t first = 0;
+    uint32_t first = kEnd;
     uint32_t length = 0;
   };
 
+  // Null if no document has the word.
   const Chain* Find(uint32_t word) const;
+  Chain* Find(uint32_t word) {
+    return const_cast<Chain*>(static_cast<const InvertedFile*>(this)->Find(word));
+  }
   Chain& FindOrAdd(uint32_t word);
   void Erase(uint32_t word);
 

@@ -38,6 +38,9 @@ Status CheckRange(const char* name, double value, double low, double high) {
 
 std::vector<const Feature*> ThinnedFeatures(const Submap& submap, size_t max_features) {
   std::vector<const Feature*> features;
+  size_t all = 0;
+  for (const Keyframe& keyframe : submap.keyframes) all += keyframe.features.size();
+  features.reserve(all);
   for (const Keyframe& keyframe : submap.keyframes) {
     for (const Feature& feature : keyframe.features) features.push_back(&feature);
   }

@@ -179,8 +179,8 @@ void AgentStream::Write(v1::ServerMessage message) {
 }
 
 void AgentStream::Cancel() {
-  LogWarning("agent ", session_ ? session_->agent.value() : "", " does not read its answers: ",
-             "its stream is ended");
+  LogWarning("agent ", session_->agent.value(),
+             " does not read its answers: ", "its stream is ended");
   call_->TryCancel();
   const std::lock_guard lock(mutex_);
   --starting_;

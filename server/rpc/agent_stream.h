@@ -58,7 +58,8 @@ class AgentStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerM
 
   void Read();
   void Write(v1::ServerMessage message);
-  // Ends the stream of an agent that does not read: what is queued cannot be written before the end.
+  // Ends the stream of an agent that does not read: what is queued cannot be written before the
+  // end.
   void Cancel();
   // Starts the next write or Finish, if it is time.
   void Advance();
@@ -81,8 +82,8 @@ class AgentStream : public grpc::ServerBidiReactor<v1::AgentMessage, v1::ServerM
   std::deque<v1::ServerMessage> outgoing_;  // the front is being written if is_writing_
   int corrections_outgoing_ = 0;
   bool is_writing_ = false;
-  int starting_ = 0;  // reads, and a cancellation
-  bool has_failed_ = false;  // the peer is gone: nothing more can be written
+  int starting_ = 0;         // reads, and a cancellation
+  bool has_failed_ = false;  // nothing more can be written: the peer is gone or does not read
   std::optional<Status> end_;
   bool is_finished_ = false;
 };

@@ -199,6 +199,15 @@ TEST(ConstantVelocityJacobians, Rebase) {
   EXPECT_THAT(jacobian, NearMatrix(numeric, 1e-8));
 }
 
+TEST(ConstantVelocityJacobians, Rescaled) {
+  Eigen::VectorXd factors, unused;
+  const auto scaled = MovingModel(Eigen::VectorXd::Zero(12)).Rescaled(2.5, &factors);
+  const auto numeric = NumericJacobianAtZero(12, [&](const Eigen::VectorXd& e) {
+    return scaled->ErrorOf(*MovingModel(e).Rescaled(2.5, &unused));
+  });
+  EXPECT_THAT(Eigen::MatrixXd(factors.asDiagonal()), NearMatrix(numeric, 1e-8));
+}
+
 // A body with a camera on a lever arm and nothing else.
 class BareBody : public MotionModel {
  public:

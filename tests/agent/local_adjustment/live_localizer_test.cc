@@ -195,6 +195,38 @@ TEST_F(Localizing, OffersOfAnotherWorldChangeNothing) {
   EXPECT_GT(ErrorWithOffer(shift, 8), 0.9 * shift.norm());
 }
 
+// The filter finds out that it has been twice as far as it thought.
+TEST_F(Localizing, ARestatedStartIsNoMotion) {
+  const auto scaled = [](int frame, double scale) {
+    Rigid3 pose = MovingCamera::WorldFromCamera(frame);
+    pose.translation *= scale;
+    return pose;
+  };
+  corrector_.OpenSubmap(0, std::nullopt);
+  Rigid3 last;
+  std::vector<FramePose> restated;
+  for (int frame = 0; frame <= 40; ++frame) {
+    LiveFrame live;
+    live.time = scene_.Time(frame);
+    live.begins_submap = frame == 0;
+    live.submap_from_camera = scaled(frame, 0.5);
+    live.tracked = true;
+    live.is_keyframe = frame % kFramesPerKeyframe == 0;
+    const std::vector<LiveSight> sights = scene_.Sights(frame);
+    live.sights = sights;
+    last = localizer_.Localize(live, &corrector_).frame_from_camera;
+    restated.push_back({live.time, scaled(frame, 1)});
+  }
+  LiveFrame live;
+  live.time = scene_.Time(41);
+  live.submap_from_camera = scaled(41, 1);
+  live.tracked = true;
+  live.restated = restated;
+  const Rigid3 now = localizer_.Localize(live, &corrector_).frame_from_camera;
+  const double step = (scaled(41, 1).translation - scaled(40, 1).translation).norm();
+  EXPECT_NEAR((now.translation - last.translation).norm(), 0.5 * step, 0.1 * step);
+}
+
 TEST_F(Localizing, UntrackedFramesKeepTheFiltersPrediction) {
   for (int frame = 0; frame < 30; ++frame) localizer_.Localize(Frame(frame), &corrector_);
   LiveFrame live = Frame(30);

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "tests/agent/local_adjustment/moving_camera.h"
 
 namespace portolan {

@@ -266,6 +266,7 @@ TEST_F(RangeScaleTest, AWrongScaleIsReplaced) {
 
 TEST_F(RangeScaleTest, NothingIsUsedWhileTheStartIsGathered) {
   Start({});
+  ASSERT_TRUE(filter_->starting());
   while (filter_->starting()) {
     EXPECT_EQ(ranges_->counts().followed, 0);
     EXPECT_FALSE(filter_->metric());
@@ -274,13 +275,27 @@ TEST_F(RangeScaleTest, NothingIsUsedWhileTheStartIsGathered) {
   EXPECT_LT(world_->time_s(), 5);
 }
 
+TEST_F(RangeScaleTest, AnotherSensorsMetreIsNotReplaced) {
+  Start({});
+  filter_->TakeMetricDepths(1);
+  while (world_->time_s() < 8) Step();
+  EXPECT_TRUE(filter_->metric());
+  EXPECT_FALSE(filter_->has_scale());
+  EXPECT_TRUE(scales_.empty());
+  EXPECT_GT(ranges_->counts().used + ranges_->counts().rejected, 0);
+}
+
 TEST_F(RangeScaleTest, AStartForgetsTheScale) {
   Start({});
   while (world_->time_s() < 8) Step();
   ASSERT_TRUE(filter_->metric());
+  ASSERT_GT(ranges_->scale_sigma(), 0);
   filter_->Start(world_->time());
+  ranges_->Reset();
   EXPECT_FALSE(filter_->metric());
   EXPECT_FALSE(filter_->has_scale());
+  EXPECT_EQ(ranges_->scale_sigma(), 0);
+  EXPECT_FALSE(ranges_->SpotToFollow());
 }
 
 TEST(RangeScale, RefusesAFinderThatTheCameraNeverSees) {

@@ -16,7 +16,8 @@ struct Positions {
   double path_m = 0;
 };
 
-// Within 0.1 rad, and a metre and a tenth of the distance; the sides' units are told by their paths.
+// Within 0.1 rad, and a metre and a tenth of the distance; a's unit is told by how far apart its
+// ends are.
 bool IsRight(const Closure& closure, const MapSnapshot& snapshot,
              const std::vector<std::vector<Rigid3>>& truth) {
   const auto index = [](SubmapId id) { return static_cast<size_t>(id.value()) - 1; };

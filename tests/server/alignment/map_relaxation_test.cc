@@ -155,12 +155,15 @@ TEST_F(MapRelaxationTest, InterruptedAgainAndAgainItComesToTheSame) {
 
   MapRelaxation broken({}, {}, ids_, model_, nullptr);
   std::atomic<bool> interrupt = false;
-  std::promise<void> done;
+  std::promise<void> started, done;
   std::thread other([&, is_done = done.get_future()] {
     // Ever later, so that a build that is slow comes to an end as well.
     std::chrono::duration<double, std::micro> pause(200);
+    interrupt = true;
+    started.set_value();
     for (; is_done.wait_for(pause) == std::future_status::timeout; pause *= 1.2) interrupt = true;
   });
+  started.get_future().wait();
   int interruptions = 0;
   while (!broken.Run(&interrupt)) {
     EXPECT_TRUE(broken.summary().interrupted);

@@ -44,7 +44,8 @@ class OfferPlannerTest : public ::testing::Test {
   }
 
   OfferOptions options_;
-  OfferPlanner planner_{options_, 1000, std::make_shared<SubmapDepths>()};
+  SubmapDepths depths_;
+  OfferPlanner planner_{options_, 1000, &depths_};
   OfferPlanner::States own_;
   MapSnapshot snapshot_;
   std::optional<LivePose> live_pose_;
@@ -90,7 +91,7 @@ TEST_F(OfferPlannerTest, KeepsWithinTheBudget) {
 }
 
 TEST_F(OfferPlannerTest, AnAgentThatWantsLessGetsLess) {
-  OfferPlanner none(options_, 0, std::make_shared<SubmapDepths>());
+  OfferPlanner none(options_, 0, &depths_);
   EXPECT_TRUE(none.Next(own_, snapshot_, live_pose_, FromSeconds(1)).empty());
 }
 
@@ -146,7 +147,7 @@ TEST_F(OfferPlannerTest, PredictsTheCameraFromTheOpenSubmap) {
 // The agent forgets as well: a landmark of a forgotten view is offered again.
 TEST_F(OfferPlannerTest, ForgetsTheViewsToldFirst) {
   options_.max_views = options_.max_told_views = 1;
-  OfferPlanner forgetful(options_, 1000, std::make_shared<SubmapDepths>());
+  OfferPlanner forgetful(options_, 1000, &depths_);
   const auto landmarks = [&](OfferPlanner* planner, double from_s, double to_s) {
     size_t count = 0;
     for (double time = from_s; time < to_s; time += 0.5) {
@@ -175,6 +176,9 @@ TEST(OfferOptions, RefusesWhatMakesNoSense) {
   EXPECT_FALSE(options.Validate().ok());
   options = OfferOptions();
   options.bytes_per_second = -1;
+  EXPECT_FALSE(options.Validate().ok());
+  options = OfferOptions();
+  options.max_told_views = options.max_views - 1;
   EXPECT_FALSE(options.Validate().ok());
 }
 

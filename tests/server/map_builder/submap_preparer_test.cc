@@ -1,10 +1,12 @@
 // The first half of a submap's way, ahead of the second or in turn with it.
 #include "server/submap_preparer.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <memory>
 #include <thread>
+#include <vector>
 
 #include "tests/support/synthetic_map.h"
 

@@ -173,6 +173,7 @@ TEST_F(AgentStreamTest, AgentThatNeverReadsIsCutOff) {
   EXPECT_EQ(agent->status().error_code(), grpc::StatusCode::CANCELLED);
   auto again = Connect("a");
   Upload(again.get(), "a", welcome_->next_sequence_number(), 3);
+  SetLogLevel(LogLevel::kInfo);
 }
 
 TEST_F(AgentStreamTest, TooManyAgentsAreTurnedAway) {
