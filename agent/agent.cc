@@ -34,13 +34,6 @@ bool Contains(const std::vector<TrackId>& sorted, TrackId track) {
   return std::binary_search(sorted.begin(), sorted.end(), track);
 }
 
-bool IsLive(const std::vector<TrackedPoint>& points, TrackId track) {
-  const auto it = std::lower_bound(
-      points.begin(), points.end(), track,
-      [](const TrackedPoint& point, TrackId wanted) { return point.track < wanted; });
-  return it != points.end() && it->track == track;
-}
-
 }  // namespace
 
 Status ImuOptions::Validate() const {
@@ -60,6 +53,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(motion.Validate());
   PORTOLAN_RETURN_IF_ERROR(landmarks.Validate());
   PORTOLAN_RETURN_IF_ERROR(initialization.Validate());
+  PORTOLAN_RETURN_IF_ERROR(lost_tracks.Validate());
   PORTOLAN_RETURN_IF_ERROR(keyframes.Validate());
   PORTOLAN_RETURN_IF_ERROR(submap.Validate());
   PORTOLAN_RETURN_IF_ERROR(health.Validate());
@@ -112,6 +106,7 @@ Agent::Agent(const AgentOptions& options, const CameraModel& camera, const Subma
       filter_(std::move(filter)),
       landmarks_(options.landmarks, camera),
       depths_(options.initialization, camera),
+      lost_tracks_(options.lost_tracks, camera),
       keyframe_selector_(options.keyframes, camera),
       builder_(options.submap),
       health_(options.health) {
@@ -164,15 +159,17 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray,
   is_keyframe_ = begins_submap_ = found_scale_ = tracking_failed_ = false;
   restated_.clear();
   std::optional<Submap> failed;
-  if (tracking_ && health_.IsPauseTooLong(time - *last_time_)) failed = HandleFailure(time);
+  const Duration pause = last_time_ ? time - *last_time_ : Duration::zero();
+  if (tracking_ && health_.IsPauseTooLong(pause)) failed = HandleFailure(time);
   last_time_ = time;
   if (!tracking_) {
     StartTracking(time, gray);
     return Report(tracking_, std::move(failed));
   }
-  TrackPoints(time, gray);
+  TrackLandmarks(time, gray);
   const int inliers = UpdateFilter();
-  if (const auto spoiled_from = health_.Report(time, inliers, filter_->Diverged())) {
+  TrackOthers();
+  if (const auto spoiled_from = health_.Report(time, pause, inliers, filter_->Diverged())) {
     return Report(false, HandleFailure(*spoiled_from));
   }
   SeekScale(time);
@@ -180,9 +177,10 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray,
   RestateStart();
   const bool tracked = !health_.last_frame_bad();
   if (tracked && keyframe_selector_.IsDue(time, filter_->submap_from_camera(), UsablePoints())) {
-    AddKeyframe(time);
+    AddTrackedKeyframe(time);
   }
-  Replenish(false);
+  // What starts while tracking is bad would soon vouch for itself.
+  if (tracked) Replenish(false);
   return Report(tracked, CloseIfFull(time));
 }
 
@@ -218,6 +216,7 @@ void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
   if (ranges_) ranges_->Reset();
   landmarks_.Reset();
   depths_.Reset();
+  lost_tracks_.Reset();
   health_.Reset();
   PORTOLAN_CHECK(tracker_->Track(gray, {}, Eigen::Quaterniond::Identity()).ok());
   tracker_->Detect();
@@ -245,39 +244,6 @@ bool Agent::LearnDepthOfScene() {
   return true;
 }
 
-void Agent::TrackPoints(Timestamp time, const cv::Mat& gray) {
-  const Rigid3 before = filter_->submap_from_camera();
-  filter_->Predict(time);
-  predicted_ = filter_->PredictMeasurements();
-  std::vector<TrackPrediction> predictions;
-  predictions.reserve(predicted_.size());
-  for (const auto& prediction : predicted_) {
-    predictions.push_back({prediction.track, prediction.pixel, prediction.innovation_covariance});
-  }
-  // CheckFrame has seen to what Track refuses.
-  PORTOLAN_CHECK(tracker_
-                     ->Track(gray, predictions,
-                             before.rotation.conjugate() * filter_->submap_from_camera().rotation)
-                     .ok());
-  std::vector<SearchRegion> lost;
-  for (const auto& prediction : predicted_) {
-    if (!IsLive(tracker_->points(), prediction.track)) {
-      lost.push_back({prediction.track, prediction.pixel, prediction.innovation_covariance});
-    }
-  }
-  if (!lost.empty()) tracker_->Reacquire(lost);
-}
-
-int Agent::UpdateFilter() {
-  const UpdateResult update = filter_->Update(MeasurementsOf(
-      tracker_->points(), [this](TrackId track) { return landmarks_.IsLandmark(track); }));
-  Remove(landmarks_.Report(predicted_, update));
-  landmarks_.Remove(update.dropped);  // the filter has let go of these itself
-  measured_ = static_cast<int>(update.inliers.size());
-  depths_.AddFrame(filter_->submap_from_camera(), tracker_->points());
-  return measured_;
-}
-
 void Agent::Remove(const LandmarkRemovals& removals) {
   tracker_->Drop(removals.tracks);
   filter_->RemoveLandmarks(removals.landmarks);
@@ -285,7 +251,7 @@ void Agent::Remove(const LandmarkRemovals& removals) {
 }
 
 void Agent::Replenish(bool starting) {
-  const auto few = static_cast<size_t>(options_.min_tracks_share * options_.tracker.max_points);
+  const auto few = static_cast<size_t>(options_.min_tracks_share * tracker_->max_points());
   if (!starting && (is_keyframe_ || tracker_->points().size() < few)) tracker_->Detect();
   if (measured_ * 10 > options_.landmarks.target_landmarks * 9) return;
   const bool undelayed = starting || !depths_.IsDelayed(measured_);
@@ -380,6 +346,7 @@ std::optional<Submap> Agent::CloseIfFull(Timestamp time) {
   predecessor_from_submap_ = filter_->BeginSubmap();
   if (initializer_) initializer_->Rebase(predecessor_from_submap_);
   depths_.Rebase(predecessor_from_submap_);
+  lost_tracks_.Rebase(predecessor_from_submap_);
   if (ranges_) ranges_->Rebase(predecessor_from_submap_);
   OpenSubmap(LinkType::kConnected);
   builder_.AddFrame(time, Rigid3::Identity());

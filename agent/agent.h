@@ -16,6 +16,7 @@
 #include "agent/imu/inertial_initializer.h"
 #include "agent/landmarks/landmark_initializer.h"
 #include "agent/landmarks/landmark_manager.h"
+#include "agent/landmarks/lost_tracks.h"
 #include "agent/local_adjustment/local_adjustment.h"
 #include "agent/odometry/odometry_buffer.h"
 #include "agent/odometry/odometry_motion_model.h"
@@ -72,6 +73,7 @@ struct AgentOptions {
                                  .initial_angular_velocity_sigma = 0.7};
   LandmarkManagerOptions landmarks;
   LandmarkInitializerOptions initialization;
+  LostTracksOptions lost_tracks;
   KeyframeSelectorOptions keyframes;
   SubmapBuilderOptions submap;
   TrackingHealthOptions health;
@@ -170,8 +172,13 @@ class Agent {
   void StartTracking(Timestamp time, const cv::Mat& gray);
   // False if the second camera tells the depth of too few points to start.
   bool LearnDepthOfScene();
-  void TrackPoints(Timestamp time, const cv::Mat& gray);
+  // Predicts, and looks for the filter's landmarks; says how many of them the filter believes;
+  // looks for the other tracks.
+  void TrackLandmarks(Timestamp time, const cv::Mat& gray);
   int UpdateFilter();
+  void TrackOthers();
+  // Looks for lost tracks before, and ends those that have slipped.
+  void AddTrackedKeyframe(Timestamp time);
   // Without a scale yet: tries to learn it from the IMU and goes on with it. Ranges are used
   // always.
   void SeekScale(Timestamp time);
@@ -217,11 +224,14 @@ class Agent {
   std::unique_ptr<LocalFilter> filter_;
   LandmarkManager landmarks_;
   LandmarkInitializer depths_;
+  LostTracks lost_tracks_;
   KeyframeSelector keyframe_selector_;
   SubmapBuilder builder_;
   TrackingHealth health_;
   std::vector<PredictedMeasurement> predicted_;
   int measured_ = 0;
+  // The camera in the frame before.
+  Rigid3 before_;
   bool tracking_ = false;
   // The present frame has a second image.
   bool has_second_image_ = false;

@@ -18,7 +18,9 @@ void AddTracker(TrackerOptions* options, OptionSection section) {
   section.Add("search_sigma_px", &options->search_sigma_px, "px",
               "search: spread of a track that the filter does not predict");
   section.Add("max_points", &options->max_points, "points",
-              "live tracks; the filter uses a part, the server's adjustment all");
+              "live tracks; the filter uses a part, the uplink the longest, the live poses all");
+  section.Add("min_spacing_px", &options->min_spacing_px, "px",
+              "fewer tracks where their mean distance would be less");
   section.Add("min_distance_share", &options->min_distance_share, "",
               "least distance of a new corner from the other tracks");
   section.Add("border_px", &options->border_px, "px", "no track nearer to the image's edge");
@@ -111,6 +113,20 @@ void AddInitialization(LandmarkInitializerOptions* options, OptionSection sectio
               "with fewer measured, new ones start at once even if delayed: pure rotation, starts");
 }
 
+void AddLostTracks(LostTracksOptions* options, OptionSection section) {
+  section.Add("enabled", &options->enabled, "",
+              "keyframes are searched for tracks that were lost, where they must be by now");
+  section.Add("max_tracks", &options->max_tracks, "tracks",
+              "tracks that are remembered, live ones too");
+  section.Add("max_searched", &options->max_searched, "tracks", "tracks looked for in a keyframe");
+  section.Add("min_parallax_rad", &options->min_parallax_rad, "rad",
+              "parallax of a track whose place is known");
+  section.Add("drift_sigma_px", &options->drift_sigma_px, "px",
+              "how far a track may be from where it should be");
+  section.Add("max_sigma_px", &options->max_sigma_px, "px",
+              "tracks whose place is known less well are not looked for");
+}
+
 void AddKeyframes(KeyframeSelectorOptions* options, OptionSection section) {
   section.Add("min_parallax_rad", &options->min_parallax_rad, "rad",
               "median parallax that makes a keyframe");
@@ -135,6 +151,8 @@ void AddSubmap(SubmapBuilderOptions* options, OptionSection section) {
               "accumulated rotation that fills a submap");
   section.Add("min_keyframes", &options->min_keyframes, "keyframes",
               "a submap that ends in a failure with fewer is not uploaded");
+  section.Add("max_observations_per_keyframe", &options->max_observations_per_keyframe, "tracks",
+              "tracks that are uploaded, those that most keyframes see");
   section.Add("keyframes_per_description", &options->keyframes_per_description, "keyframes",
               "every n-th keyframe is described for place recognition; costs uplink");
 }
@@ -145,6 +163,10 @@ void AddHealth(TrackingHealthOptions* options, OptionSection section) {
               "this many bad frames in a row close the submap");
   section.Add("max_pause_s", &options->max_pause_s, "s",
               "a longer pause between images closes the submap");
+  section.Add("short_pause_s", &options->short_pause_s, "s",
+              "a pause longer than this closes it unless enough landmarks are seen again");
+  section.Add("min_inliers_after_pause", &options->min_inliers_after_pause, "landmarks",
+              "how many that must be");
 }
 
 void AddImu(ImuOptions* options, OptionSection section) {
@@ -267,6 +289,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddMotion(&options->motion, table->Section("motion"));
   AddLandmarks(&options->landmarks, table->Section("landmarks"));
   AddInitialization(&options->initialization, table->Section("initialization"));
+  AddLostTracks(&options->lost_tracks, table->Section("lost_tracks"));
   AddKeyframes(&options->keyframes, table->Section("keyframes"));
   AddSubmap(&options->submap, table->Section("submap"));
   AddHealth(&options->health, table->Section("health"));

@@ -51,6 +51,7 @@ void Agent::UseRanges() {
 void Agent::TakeUnit(double scale) {
   builder_.Rescale(scale);
   depths_.Rescale(scale);
+  lost_tracks_.Rescale(scale);
   found_scale_ = true;
   link_keeps_units_ = false;
 }
@@ -61,6 +62,7 @@ void Agent::CorrectScale() {
   if (scale == 1) return;
   builder_.Rescale(scale);
   depths_.Rescale(scale);
+  lost_tracks_.Rescale(scale);
 }
 
 }  // namespace portolan

@@ -11,6 +11,7 @@ void Agent::RestateStart() {
   builder_.Restate(frames);
   keyframe_selector_.MoveKeyframe(builder_.open().keyframes.back().submap_from_camera);
   depths_.Reset();
+  lost_tracks_.Reset();
   restated_ = builder_.open().frames;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "agent/submap/track_selection.h"
 #include "common/base/check.h"
 
 namespace portolan {
@@ -30,6 +31,9 @@ Status SubmapBuilderOptions::Validate() const {
   }
   if (keyframes_per_description < 1) {
     return absl::InvalidArgumentError("submap.keyframes_per_description must be >= 1");
+  }
+  if (max_observations_per_keyframe < 20) {
+    return absl::InvalidArgumentError("submap.max_observations_per_keyframe must be >= 20");
   }
   if (!(min_inverse_depth_sigmas > 0)) {
     return absl::InvalidArgumentError("submap.min_inverse_depth_sigmas must be > 0");
@@ -138,6 +142,18 @@ void SubmapBuilder::Restate(const std::vector<FramePose>& poses) {
   }
 }
 
+Submap SubmapBuilder::Thinned(const std::vector<LandmarkEstimate>& landmarks) {
+  for (const LandmarkEstimate& landmark : landmarks) carried_.insert(landmark.track);
+  KeepLongestTracks(options_.max_observations_per_keyframe, carried_, &submap_);
+  carried_.clear();
+  if (!submap_.keyframes.empty()) {
+    for (const Observation& observation : submap_.keyframes.back().observations) {
+      carried_.insert(observation.track);
+    }
+  }
+  return std::exchange(submap_, Submap());
+}
+
 Submap SubmapBuilder::Close(const std::vector<LandmarkEstimate>& landmarks) {
   std::unordered_set<TrackId> observed;
   for (const Keyframe& keyframe : submap_.keyframes) {
@@ -152,7 +168,7 @@ Submap SubmapBuilder::Close(const std::vector<LandmarkEstimate>& landmarks) {
   }
   std::sort(submap_.landmarks.begin(), submap_.landmarks.end(),
             [](const SubmapLandmark& a, const SubmapLandmark& b) { return a.track < b.track; });
-  return std::exchange(submap_, Submap());
+  return Thinned(landmarks);
 }
 
 Submap SubmapBuilder::CloseBefore(Timestamp time) {
@@ -160,7 +176,7 @@ Submap SubmapBuilder::CloseBefore(Timestamp time) {
   auto& frames = submap_.frames;
   while (!keyframes.empty() && keyframes.back().time >= time) keyframes.pop_back();
   while (!frames.empty() && frames.back().time >= time) frames.pop_back();
-  return std::exchange(submap_, Submap());
+  return Thinned({});
 }
 
 }  // namespace portolan

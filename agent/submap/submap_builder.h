@@ -26,6 +26,9 @@ struct SubmapBuilderOptions {
   int keyframes_per_description = 8;
   // A landmark is uploaded with an estimate when its inverse depth is this many sigmas from zero.
   double min_inverse_depth_sigmas = 4.0;
+  // Of more tracks those go that fewest keyframes see: the live poses use them all, the uplink
+  // carries the best.
+  int max_observations_per_keyframe = 300;
 
   Status Validate() const;
 };
@@ -69,7 +72,12 @@ class SubmapBuilder {
 
  private:
   SubmapBuilderOptions options_;
+  // Keeps the best tracks and says which are on.
+  Submap Thinned(const std::vector<LandmarkEstimate>& landmarks);
+
   Submap submap_;
+  // Tracks of the last submap's last keyframe: what links it to this one.
+  std::unordered_set<TrackId> carried_;
   double distance_ = 0;
   double rotation_rad_ = 0;
 };

@@ -16,6 +16,10 @@ struct TrackingHealthOptions {
   int max_bad_frames = 4;
   // A pause longer than this cannot be bridged by prediction [s].
   double max_pause_s = 2.0;
+  // After a pause longer than this [s] so many landmarks must be seen again as inliers: the few of
+  // a new view that happen to fit carry neither pose nor scale over.
+  double short_pause_s = 0.3;
+  int min_inliers_after_pause = 15;
 
   Status Validate() const;
 };
@@ -28,9 +32,9 @@ class TrackingHealth {
   // Forgets everything: tracking starts anew.
   void Reset();
 
-  // Reports a processed frame. Returns the time from which on the submap is spoiled, if tracking
-  // has failed: the first of the bad frames.
-  std::optional<Timestamp> Report(Timestamp time, int inliers, bool diverged);
+  // Reports a processed frame; pause: since the one before. Returns the time from which on the
+  // submap is spoiled, if tracking has failed: the first of the bad frames.
+  std::optional<Timestamp> Report(Timestamp time, Duration pause, int inliers, bool diverged);
 
   bool IsPauseTooLong(Duration pause) const { return ToSeconds(pause) > options_.max_pause_s; }
 

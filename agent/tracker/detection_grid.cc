@@ -75,7 +75,9 @@ std::vector<Corner> DetectionGrid::FindCorners(const cv::Mat& gray,
   const double b = options_.border_px;
   std::vector<Corner> chosen;
   for (int cell = 0; cell < columns_ * rows_; ++cell) {
-    if (!occupants_[cell].empty() || barren_until_[cell] >= calls_) continue;
+    // A start looks everywhere.
+    const bool is_barren = !taken.empty() && barren_until_[cell] >= calls_;
+    if (!occupants_[cell].empty() || is_barren) continue;
     const auto corners = detector_->Detect(gray, CellArea(cell));
     const auto best = std::find_if(corners.begin(), corners.end(), [&](const Corner& corner) {
       return corner.pixel.x() >= b && corner.pixel.y() >= b &&

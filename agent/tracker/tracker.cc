@@ -1,9 +1,7 @@
 #include "agent/tracker/tracker.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <optional>
 #include <unordered_map>
@@ -13,8 +11,9 @@
 #include "agent/tracker/image_pyramid.h"
 #include "agent/tracker/patch_flow.h"
 #include "agent/tracker/patch_search.h"
+#include "agent/tracker/pixel_list.h"
 #include "agent/tracker/reference_patch.h"
-#include "common/base/vector_clones.h"
+#include "agent/tracker/track_motion.h"
 
 namespace portolan {
 namespace {
@@ -28,6 +27,11 @@ constexpr double kMinAnchorScale = 0.65, kMaxAnchorScale = 2.5;
 // How much larger errors are than a residual of independent grey values would have them.
 constexpr double kSigmaInflation = 2.0;
 
+// Where so many tracks of known places, and such a share of them, slip onto something similar,
+// those of unknown places are not believed either.
+constexpr int kMinSuspicious = 6;
+constexpr double kSuspiciousShare = 0.1;
+
 struct TrackState {
   TrackedPoint point;
   ReferencePatch reference;
@@ -36,6 +40,8 @@ struct TrackState {
   Eigen::Vector2d last_shift = Eigen::Vector2d::Zero();
   // Number of the image in which it was not found.
   int lost_at = 0;
+  // Number of the image that its pixel is in.
+  int image = 0;
 };
 
 // Where a track is searched for.
@@ -44,62 +50,10 @@ struct Expectation {
   Eigen::Matrix2d covariance_px2;
 };
 
-// How a track moved beyond the camera's rotation.
-struct Motion {
-  Eigen::Vector2d from;
-  Eigen::Vector2d shift;
-};
-
-// Pixels that are searched four at once.
-class PixelList {
- public:
-  void clear() { count_ = 0; }
-  void Add(const Eigen::Vector2d& pixel) {
-    if (count_ % 4 == 0) {
-      if (count_ / 4 == fours_.size()) fours_.emplace_back();
-      // Those that fill up the last four are far from everything.
-      fours_[count_ / 4].x = Double4{} + std::numeric_limits<double>::infinity();
-    }
-    fours_[count_ / 4].x[count_ % 4] = pixel.x();
-    fours_[count_ / 4].y[count_ % 4] = pixel.y();
-    ++count_;
-  }
-  bool HasNear(const Eigen::Vector2d& pixel, double distance2) const {
-    const double x = pixel.x(), y = pixel.y();
-    Long4 near = {};
-    for (size_t i = 0; 4 * i < count_; ++i) {
-      const Double4 dx = fours_[i].x - x, dy = fours_[i].y - y;
-      near |= dx * dx + dy * dy < distance2;
-    }
-    return (near[0] | near[1] | near[2] | near[3]) != 0;
-  }
-
- private:
-  struct Four {
-    Double4 x = {}, y = {};
-  };
-  std::vector<Four> fours_;
-  size_t count_ = 0;
-};
-
-// Median motion of the nearest tracks; no value if there are too few.
-std::optional<Eigen::Vector2d> LocalMotion(const std::vector<Motion>& motions,
-                                           const Eigen::Vector2d& pixel) {
-  constexpr size_t kNeighbours = 5;
-  if (motions.size() < kNeighbours) return std::nullopt;
-  std::vector<std::pair<double, size_t>> nearest;
-  for (size_t i = 0; i < motions.size(); ++i) {
-    nearest.emplace_back((motions[i].from - pixel).squaredNorm(), i);
-  }
-  std::partial_sort(nearest.begin(), nearest.begin() + kNeighbours, nearest.end());
-  std::array<double, kNeighbours> x, y;
-  for (size_t i = 0; i < kNeighbours; ++i) {
-    x[i] = motions[nearest[i].second].shift.x();
-    y[i] = motions[nearest[i].second].shift.y();
-  }
-  std::sort(x.begin(), x.end());
-  std::sort(y.begin(), y.end());
-  return Eigen::Vector2d(x[kNeighbours / 2], y[kNeighbours / 2]);
+int MaxPoints(const TrackerOptions& options, const CameraModel& camera) {
+  const double area = static_cast<double>(camera.width_px()) * camera.height_px();
+  const double fit = area / (options.min_spacing_px * options.min_spacing_px);
+  return std::max(1, static_cast<int>(std::min<double>(options.max_points, fit)));
 }
 
 }  // namespace
@@ -109,15 +63,18 @@ class Tracker::Impl {
   Impl(const TrackerOptions& options, const CameraModel& camera)
       : options_(options),
         camera_(camera),
+        max_points_(MaxPoints(options, camera)),
         grid_({.width_px = camera.width_px(),
                .height_px = camera.height_px(),
-               .target_corners = options.max_points,
+               .target_corners = max_points_,
                .min_distance_share = options.min_distance_share,
                .border_px = options.border_px},
               CornerDetector::Create(options.detector)) {}
 
-  void Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
-             const Eigen::Quaterniond& previous_from_current);
+  void TrackPredicted(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
+                      const Eigen::Quaterniond& previous_from_current);
+  void TrackOthers(std::span<const TrackPrediction> predictions,
+                   const Eigen::Quaterniond& previous_from_current);
   std::vector<TrackId> Detect();
   std::optional<TrackId> StartAt(const Eigen::Vector2d& pixel);
   void Drop(std::span<const TrackId> tracks);
@@ -125,6 +82,7 @@ class Tracker::Impl {
   std::vector<Feature> Describe(bool complete) const;
   const std::vector<TrackedPoint>& points() const { return points_; }
   const CameraModel& camera() const { return camera_; }
+  int max_points() const { return max_points_; }
 
  private:
   using TrackMap = std::map<TrackId, TrackState>;
@@ -134,6 +92,10 @@ class Tracker::Impl {
   // Where the track is in the current image: by flow from the best of the starts, or by search.
   std::optional<PatchAlignment> Find(std::span<const Eigen::Vector2d> starts,
                                      const Expectation& expected, const TrackState& state) const;
+  // The tracks with a prediction at first, then all that are not in the image yet.
+  void Move(std::span<const TrackPrediction> predictions,
+            const Eigen::Quaterniond& previous_from_current, bool first);
+  bool IsNear(const Eigen::Vector2d& pixel, const Expectation& expected) const;
   bool Advance(std::span<const Eigen::Vector2d> starts, const Expectation& expected,
                TrackState* state) const;
   void Accept(const PatchAlignment& aligned, TrackState* state) const;
@@ -146,6 +108,7 @@ class Tracker::Impl {
 
   const TrackerOptions options_;
   const CameraModel camera_;
+  const int max_points_;
   DetectionGrid grid_;
   uint32_t next_id_ = 0;
   int image_count_ = 0;
@@ -154,6 +117,8 @@ class Tracker::Impl {
   TrackMap tracks_;
   TrackMap lost_;
   std::vector<TrackedPoint> points_;
+  // In the current image.
+  std::vector<TrackMotion> motions_;
   PixelList kept_;
 };
 
@@ -193,6 +158,7 @@ bool Tracker::Impl::Advance(std::span<const Eigen::Vector2d> starts, const Expec
 
 void Tracker::Impl::Accept(const PatchAlignment& aligned, TrackState* state) const {
   state->point.pixel = aligned.pose.pixel;
+  state->image = image_count_;
   state->point.sigma_px = std::hypot(options_.base_sigma_px, kSigmaInflation * aligned.sigma_px);
   state->affine = aligned.pose.affine;
   const double scale = std::sqrt(state->affine.determinant());
@@ -203,54 +169,84 @@ void Tracker::Impl::Accept(const PatchAlignment& aligned, TrackState* state) con
   }
 }
 
-void Tracker::Impl::Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
-                          const Eigen::Quaterniond& previous_from_current) {
+void Tracker::Impl::TrackPredicted(const cv::Mat& gray,
+                                   std::span<const TrackPrediction> predictions,
+                                   const Eigen::Quaterniond& previous_from_current) {
   std::swap(previous_, current_);
   current_.Build(gray, options_.pyramid_levels);
   ++image_count_;
+  motions_.clear();
+  Move(predictions, previous_from_current, true);
+}
+
+void Tracker::Impl::TrackOthers(std::span<const TrackPrediction> predictions,
+                                const Eigen::Quaterniond& previous_from_current) {
+  Move(predictions, previous_from_current, false);
+}
+
+void Tracker::Impl::Move(std::span<const TrackPrediction> predictions,
+                         const Eigen::Quaterniond& previous_from_current, bool first) {
   std::unordered_map<TrackId, const TrackPrediction*> predicted;
   for (const TrackPrediction& p : predictions) {
     if (p.pixel.allFinite()) predicted.emplace(p.track, &p);
   }
-  const Eigen::Matrix2d unpredicted =
+  const Eigen::Matrix2d unknown =
       options_.search_sigma_px * options_.search_sigma_px * Eigen::Matrix2d::Identity();
   const Eigen::Quaterniond current_from_previous = previous_from_current.conjugate();
-  std::vector<Motion> motions;
-  std::vector<TrackMap::iterator> failed;
+  std::vector<TrackMap::iterator> failed, lost, unpredicted;
+  int tested = 0, slipped = 0;
   std::vector<Eigen::Vector2d> starts;
   for (auto it = tracks_.begin(); it != tracks_.end(); ++it) {
     TrackState& state = it->second;
+    const auto prediction = predicted.find(it->first);
+    const bool is_predicted = prediction != predicted.end();
+    if (state.image == image_count_ || (first && !is_predicted)) continue;
+    if (!is_predicted) unpredicted.push_back(it);
+    const bool is_bound = is_predicted && !first;
     const Eigen::Vector2d from = state.point.pixel;
     const Eigen::Vector2d turned = Rotated(from, current_from_previous);
     starts.clear();
-    const auto prediction = predicted.find(it->first);
-    const bool is_predicted = prediction != predicted.end();
     if (is_predicted) starts.push_back(prediction->second->pixel);
-    starts.push_back(turned);
-    if (state.point.age_frames > 0) starts.push_back(turned + state.last_shift);
+    if (!is_bound) starts.push_back(turned);
+    if (!is_bound && state.point.age_frames > 0) starts.push_back(turned + state.last_shift);
     const Expectation expected =
         is_predicted ? Expectation{starts.front(), prediction->second->covariance_px2}
-                     : Expectation{starts.back(), unpredicted};
-    if (Advance(starts, expected, &state)) {
+                     : Expectation{starts.back(), unknown};
+    const bool is_found = Advance(starts, expected, &state);
+    const bool has_slipped = is_bound && is_found && !IsNear(state.point.pixel, expected);
+    tested += is_bound ? 1 : 0;
+    slipped += has_slipped ? 1 : 0;
+    if (is_found && !has_slipped) {
       state.last_shift = state.point.pixel - turned;
-      motions.push_back({from, state.last_shift});
+      motions_.push_back({from, state.last_shift});
     } else {
-      failed.push_back(it);
+      (is_bound ? lost : failed).push_back(it);
     }
+  }
+  if (slipped >= kMinSuspicious && slipped > kSuspiciousShare * tested) {
+    lost.insert(lost.end(), unpredicted.begin(), unpredicted.end());
+    failed.clear();
   }
   // What was not found from its own start is tried where its neighbours went.
   for (const TrackMap::iterator it : failed) {
     TrackState& state = it->second;
-    const auto shift = LocalMotion(motions, state.point.pixel);
+    const auto shift = LocalMotion(motions_, state.point.pixel);
     if (shift) starts = {Rotated(state.point.pixel, current_from_previous) + *shift};
-    if (shift && Advance(starts, {starts.front(), unpredicted}, &state)) {
+    if (shift && Advance(starts, {starts.front(), unknown}, &state)) {
       state.last_shift = *shift;
     } else {
-      Lose(it);
+      lost.push_back(it);
     }
   }
+  for (const TrackMap::iterator it : lost) Lose(it);
   DropCollapsed();
   Publish();
+}
+
+bool Tracker::Impl::IsNear(const Eigen::Vector2d& pixel, const Expectation& expected) const {
+  const Eigen::Vector2d error = pixel - expected.pixel;
+  return error.norm() < options_.gate_px ||
+         error.dot(expected.covariance_px2.inverse() * error) < 9.0;
 }
 
 void Tracker::Impl::Lose(TrackMap::iterator it) {
@@ -267,6 +263,10 @@ void Tracker::Impl::DropCollapsed() {
   const double limit = options_.merge_distance_px * options_.merge_distance_px;
   kept_.clear();
   for (auto younger = tracks_.begin(); younger != tracks_.end();) {
+    if (younger->second.image != image_count_) {
+      ++younger;
+      continue;
+    }
     const Eigen::Vector2d& pixel = younger->second.point.pixel;
     if (kept_.HasNear(pixel, limit)) {
       younger = tracks_.erase(younger);
@@ -279,21 +279,25 @@ void Tracker::Impl::DropCollapsed() {
 
 void Tracker::Impl::Publish() {
   points_.clear();
-  for (const auto& [id, state] : tracks_) points_.push_back(state.point);
+  for (const auto& [id, state] : tracks_) {
+    if (state.image == image_count_) points_.push_back(state.point);
+  }
 }
 
 std::vector<TrackId> Tracker::Impl::Detect() {
   if (current_.empty()) return {};
   std::vector<Eigen::Vector2d> taken;
   for (const TrackedPoint& point : points_) taken.push_back(point.pixel);
-  const int room = options_.max_points - static_cast<int>(points_.size());
+  const int room = max_points_ - static_cast<int>(points_.size());
   std::vector<TrackId> created;
   for (const Corner& corner : grid_.FindCorners(current_.image(), taken, room)) {
     const auto reference = ReferencePatch::Create(current_, corner.pixel);
     if (!reference) continue;
     const TrackId id(next_id_++);
     const double sigma = options_.base_sigma_px;
-    tracks_.emplace(id, TrackState{.point = {id, corner.pixel, sigma, 0}, .reference = *reference});
+    tracks_.emplace(id, TrackState{.point = {id, corner.pixel, sigma, 0},
+                                   .reference = *reference,
+                                   .image = image_count_});
     created.push_back(id);
   }
   Publish();
@@ -305,8 +309,9 @@ std::optional<TrackId> Tracker::Impl::StartAt(const Eigen::Vector2d& pixel) {
   const auto reference = ReferencePatch::Create(current_, pixel);
   if (!reference) return std::nullopt;
   const TrackId id(next_id_++);
-  tracks_.emplace(
-      id, TrackState{.point = {id, pixel, options_.base_sigma_px, 0}, .reference = *reference});
+  tracks_.emplace(id, TrackState{.point = {id, pixel, options_.base_sigma_px, 0},
+                                 .reference = *reference,
+                                 .image = image_count_});
   Publish();
   return id;
 }
@@ -323,8 +328,9 @@ std::vector<TrackId> Tracker::Impl::Reacquire(std::span<const SearchRegion> lost
     const auto it = lost_.find(region.track);
     if (it == lost_.end()) continue;
     TrackState& state = it->second;
-    const auto found = SearchPatch(current_, state.reference, {region.pixel, state.affine},
-                                   region.covariance_px2, search);
+    const auto found =
+        SearchPatch(current_, state.reference, {region.pixel, region.warp * state.affine},
+                    region.covariance_px2, search);
     if (!found || !IsUsable(found->pose.pixel)) continue;
     Accept(*found, &state);
     state.last_shift.setZero();
@@ -363,35 +369,6 @@ std::vector<Feature> Tracker::Impl::Describe(bool complete) const {
   return features;
 }
 
-Status TrackerOptions::Validate() const {
-  if (max_points < 1 || max_points > 5000) {
-    return absl::InvalidArgumentError("max_points must be in [1, 5000]");
-  }
-  if (!(min_distance_share >= 0.0 && min_distance_share <= 1.0)) {
-    return absl::InvalidArgumentError("min_distance_share must be in [0, 1]");
-  }
-  if (!(border_px >= 8.0)) return absl::InvalidArgumentError("border_px must be at least 8");
-  if (!(merge_distance_px >= 0.0)) {
-    return absl::InvalidArgumentError("merge_distance_px must be >= 0");
-  }
-  if (!(min_correlation > 0.0 && min_correlation < 1.0)) {
-    return absl::InvalidArgumentError("min_correlation must be in (0, 1)");
-  }
-  if (!(min_reacquire_correlation > 0.0 && min_reacquire_correlation < 1.0)) {
-    return absl::InvalidArgumentError("min_reacquire_correlation must be in (0, 1)");
-  }
-  if (!(search_sigma_px > 0.0 && search_sigma_px <= 100.0)) {
-    return absl::InvalidArgumentError("search_sigma_px must be in (0, 100]");
-  }
-  if (pyramid_levels < 0 || pyramid_levels > 8) {
-    return absl::InvalidArgumentError("pyramid_levels must be in [0, 8]");
-  }
-  if (!(base_sigma_px > 0.0)) return absl::InvalidArgumentError("base_sigma_px must be > 0");
-  if (max_lost < 0) return absl::InvalidArgumentError("max_lost must be >= 0");
-  PORTOLAN_RETURN_IF_ERROR(detector.Validate());
-  return features.Validate();
-}
-
 StatusOr<std::unique_ptr<Tracker>> Tracker::Create(const TrackerOptions& options,
                                                    const CameraModel& camera) {
   PORTOLAN_RETURN_IF_ERROR(options.Validate());
@@ -403,13 +380,20 @@ Tracker::~Tracker() = default;
 
 Status Tracker::Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
                       const Eigen::Quaterniond& previous_from_current) {
+  PORTOLAN_RETURN_IF_ERROR(TrackPredicted(gray, predictions, previous_from_current));
+  TrackOthers({}, previous_from_current);
+  return absl::OkStatus();
+}
+
+Status Tracker::TrackPredicted(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
+                               const Eigen::Quaterniond& previous_from_current) {
   const CameraModel& camera = impl_->camera();
   if (gray.type() != CV_8UC1 || gray.cols != camera.width_px() || gray.rows != camera.height_px()) {
     return absl::InvalidArgumentError(
         absl::StrCat("image is ", gray.cols, " x ", gray.rows, " of type ", gray.type(),
                      ", expected 8-bit grey, ", camera.width_px(), " x ", camera.height_px()));
   }
-  impl_->Track(gray, predictions, previous_from_current);
+  impl_->TrackPredicted(gray, predictions, previous_from_current);
   return absl::OkStatus();
 }
 
@@ -418,10 +402,18 @@ std::vector<TrackId> Tracker::Detect() { return impl_->Detect(); }
 std::optional<TrackId> Tracker::StartAt(const Eigen::Vector2d& pixel) {
   return impl_->StartAt(pixel);
 }
+
+void Tracker::TrackOthers(std::span<const TrackPrediction> predictions,
+                          const Eigen::Quaterniond& previous_from_current) {
+  impl_->TrackOthers(predictions, previous_from_current);
+}
+
 void Tracker::Drop(std::span<const TrackId> tracks) { impl_->Drop(tracks); }
 std::vector<TrackId> Tracker::Reacquire(std::span<const SearchRegion> lost) {
   return impl_->Reacquire(lost);
 }
+int Tracker::max_points() const { return impl_->max_points(); }
+
 const std::vector<TrackedPoint>& Tracker::points() const { return impl_->points(); }
 std::vector<Feature> Tracker::Describe(bool complete) const { return impl_->Describe(complete); }
 

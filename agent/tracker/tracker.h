@@ -47,11 +47,17 @@ struct SearchRegion {
   TrackId track;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   Eigen::Matrix2d covariance_px2 = Eigen::Matrix2d::Identity();
+  // How the image about the point has changed since it was seen: there = pixel + warp * (then -
+  // then's pixel).
+  Eigen::Matrix2d warp = Eigen::Matrix2d::Identity();
 };
 
 struct TrackerOptions {
-  // Live tracks at most; the filter uses a part, the server's adjustment all.
-  int max_points = 200;
+  // Live tracks at most; the filter uses a part, the uplink the longest, the live poses all.
+  int max_points = 400;
+  // Fewer where they would be nearer to each other than this in the mean: in a small image more
+  // tracks are worse ones.
+  double min_spacing_px = 19.0;
   // Least distance of a new corner from the other tracks, as a share of their distance when
   // max_points are spread evenly.
   double min_distance_share = 0.3;
@@ -71,19 +77,22 @@ struct TrackerOptions {
   // Pyramid levels above the image itself for the search from frame to frame; capped so that the
   // smallest level keeps 40 px.
   int pyramid_levels = 3;
+  // What TrackOthers finds farther than this from its prediction, and than three sigmas, is another
+  // point.
+  double gate_px = 3.0;
   // Standard deviation of a perfect match.
   double base_sigma_px = 0.5;
   // Patches of lost tracks kept for re-acquisition.
-  int max_lost = 400;
+  int max_lost = 800;
   DetectorOptions detector;
   FeatureExtractorOptions features;
 
   Status Validate() const;
 };
 
-// Protocol per image: Track, then any of Drop, Reacquire, Detect, Describe, which all refer to the
-// image last given to Track. The same images and calls give the same tracks. Owns copies of what
-// it needs of an image. Thread-compatible.
+// Protocol per image: Track, or TrackPredicted and TrackOthers, then any of Drop, Reacquire,
+// Detect, Describe, which all refer to that image. The same images and calls give the same tracks.
+// Owns copies of what it needs of an image. Thread-compatible.
 class Tracker {
  public:
   static StatusOr<std::unique_ptr<Tracker>> Create(const TrackerOptions& options,
@@ -98,6 +107,16 @@ class Tracker {
   // for tracks without prediction; identity if unknown.
   Status Track(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
                const Eigen::Quaterniond& previous_from_current);
+
+  // The same in two steps, so that what the first tracks tell of the camera's motion helps to find
+  // the others: at first those with a prediction, ...
+  Status TrackPredicted(const cv::Mat& gray, std::span<const TrackPrediction> predictions,
+                        const Eigen::Quaterniond& previous_from_current);
+  // ... then the rest. Here what has a prediction is looked for there alone, and lost if what is
+  // found is another point (gate_px). Where that happens to many, those without prediction are lost
+  // as well.
+  void TrackOthers(std::span<const TrackPrediction> predictions,
+                   const Eigen::Quaterniond& previous_from_current);
 
   // Starts tracks at the best corners of empty grid cells, up to max_points. Returns the new ones,
   // ascending.
@@ -114,7 +133,10 @@ class Tracker {
   // id. Returns them, ascending. Unknown and live tracks are ignored.
   std::vector<TrackId> Reacquire(std::span<const SearchRegion> lost);
 
-  // Live tracks, ascending id.
+  // Live tracks that Detect fills up to.
+  int max_points() const;
+
+  // Live tracks that are in the current image, ascending id.
   const std::vector<TrackedPoint>& points() const;
 
   // Descriptors of all live tracks and of further corners of the current image, as the server gets

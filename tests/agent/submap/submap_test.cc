@@ -74,22 +74,33 @@ TEST_F(KeyframeSelectorTest, TimeCountsOnlyWhileMoving) {
   EXPECT_TRUE(IsDue(1.1 * options_.max_interval_s, At(moving)));
 }
 
+constexpr Duration kFrame = std::chrono::milliseconds(33);
+
 TEST(TrackingHealth, FailsAfterBadFramesAndNamesTheFirst) {
   TrackingHealthOptions options;
   options.max_bad_frames = 3;
   TrackingHealth health(options);
-  EXPECT_FALSE(health.Report(Timestamp(1), 2, false));
+  EXPECT_FALSE(health.Report(Timestamp(1), kFrame, 2, false));
   EXPECT_TRUE(health.last_frame_bad());
-  EXPECT_FALSE(health.Report(Timestamp(2), 30, false));
+  EXPECT_FALSE(health.Report(Timestamp(2), kFrame, 30, false));
   EXPECT_FALSE(health.last_frame_bad());
-  EXPECT_FALSE(health.Report(Timestamp(3), 2, false));
-  EXPECT_FALSE(health.Report(Timestamp(4), 2, false));
-  EXPECT_EQ(health.Report(Timestamp(5), 2, false), Timestamp(3));
+  EXPECT_FALSE(health.Report(Timestamp(3), kFrame, 2, false));
+  EXPECT_FALSE(health.Report(Timestamp(4), kFrame, 2, false));
+  EXPECT_EQ(health.Report(Timestamp(5), kFrame, 2, false), Timestamp(3));
+}
+
+// The few landmarks of a new view that happen to fit carry nothing over.
+TEST(TrackingHealth, FewLandmarksAfterAPauseFailAtOnce) {
+  TrackingHealth health{TrackingHealthOptions()};
+  constexpr Duration kPause = std::chrono::milliseconds(900);
+  EXPECT_FALSE(health.Report(Timestamp(1), kPause, 20, false));
+  EXPECT_FALSE(health.Report(Timestamp(2), kFrame, 10, false));
+  EXPECT_EQ(health.Report(Timestamp(3), kPause, 10, false), Timestamp(3));
 }
 
 TEST(TrackingHealth, DivergenceFailsAtOnce) {
   TrackingHealth health{TrackingHealthOptions()};
-  EXPECT_EQ(health.Report(Timestamp(9), 50, true), Timestamp(9));
+  EXPECT_EQ(health.Report(Timestamp(9), kFrame, 50, true), Timestamp(9));
 }
 
 class SubmapBuilderTest : public ::testing::Test {

@@ -138,12 +138,20 @@ TEST(DetectionGrid, KeepsTheStrongestWhenRoomIsShort) {
 
 TEST(DetectionGrid, ComesBackToBarrenCells) {
   DetectionGrid grid = MakeGrid(320, 240, 48);
-  EXPECT_TRUE(grid.FindCorners(cv::Mat(240, 320, CV_8UC1, cv::Scalar(9)), {}, 100).empty());
+  const cv::Mat blank(240, 320, CV_8UC1, cv::Scalar(9));
+  const std::vector<Eigen::Vector2d> taken = {{11, 11}};
+  EXPECT_TRUE(grid.FindCorners(blank, taken, 100).empty());
   const cv::Mat image = Render(WaveTexture(4), {}, 320, 240);
   int calls = 0;
-  while (grid.FindCorners(image, {}, 100).empty() && calls < 20) ++calls;
+  while (grid.FindCorners(image, taken, 100).empty() && calls < 20) ++calls;
   EXPECT_GT(calls, 0);
   EXPECT_LE(calls, 4);
+}
+
+TEST(DetectionGrid, AStartLooksEverywhere) {
+  DetectionGrid grid = MakeGrid(320, 240, 48);
+  EXPECT_TRUE(grid.FindCorners(cv::Mat(240, 320, CV_8UC1, cv::Scalar(9)), {}, 100).empty());
+  EXPECT_FALSE(grid.FindCorners(Render(WaveTexture(4), {}, 320, 240), {}, 100).empty());
 }
 
 TEST(DetectorOptions, RejectsNonsense) {

@@ -203,6 +203,57 @@ TEST(Tracker, LosesWhatIsOccludedAndFindsItAgain) {
   }
 }
 
+std::vector<TrackPrediction> PredictAll(const Tracker& tracker, const Eigen::Vector2d& offset) {
+  std::vector<TrackPrediction> predictions;
+  for (const TrackedPoint& p : tracker.points()) {
+    predictions.push_back({p.track, p.pixel + offset, 0.25 * Eigen::Matrix2d::Identity()});
+  }
+  return predictions;
+}
+
+TEST(Tracker, OthersWaitForTheSecondStep) {
+  const WaveTexture texture(23);
+  const auto tracker = MakeTracker();
+  const cv::Mat image = Render(texture, {}, kWidth, kHeight);
+  ExpectOk(tracker->Track(image, {}, kNoRotation));
+  const size_t count = tracker->Detect().size();
+  ASSERT_GE(count, 20u);
+  const auto predictions = PredictAll(*tracker, Eigen::Vector2d::Zero());
+  ExpectOk(tracker->TrackPredicted(image, {predictions.data(), 5}, kNoRotation));
+  EXPECT_EQ(tracker->points().size(), 5u);
+  tracker->TrackOthers({}, kNoRotation);
+  EXPECT_EQ(tracker->points().size(), count);
+}
+
+// What is found away from where a point of known place must be is another point.
+TEST(Tracker, OthersFoundElsewhereAreLost) {
+  const WaveTexture texture(23);
+  const auto tracker = MakeTracker();
+  const cv::Mat image = Render(texture, {}, kWidth, kHeight);
+  ExpectOk(tracker->Track(image, {}, kNoRotation));
+  tracker->Detect();
+  // Flow leads back from five pixels off to the point itself, which is then in the wrong place.
+  const auto wrong = PredictAll(*tracker, {4.0, 3.0});
+  ASSERT_GE(wrong.size(), 20u);
+  ExpectOk(tracker->TrackPredicted(image, {}, kNoRotation));
+  tracker->TrackOthers({wrong.data(), 3}, kNoRotation);
+  EXPECT_EQ(tracker->points().size(), wrong.size() - 3);
+}
+
+TEST(Tracker, WhereManySlipNoneOfUnknownPlaceIsBelieved) {
+  const WaveTexture texture(23);
+  const auto tracker = MakeTracker();
+  const cv::Mat image = Render(texture, {}, kWidth, kHeight);
+  ExpectOk(tracker->Track(image, {}, kNoRotation));
+  tracker->Detect();
+  auto predictions = PredictAll(*tracker, Eigen::Vector2d::Zero());
+  ASSERT_GE(predictions.size(), 20u);
+  for (size_t i = 0; i < 8; ++i) predictions[i].pixel += Eigen::Vector2d(4.0, 3.0);
+  ExpectOk(tracker->TrackPredicted(image, {}, kNoRotation));
+  tracker->TrackOthers({predictions.data(), 14}, kNoRotation);
+  EXPECT_EQ(tracker->points().size(), 6u);
+}
+
 TEST(Tracker, DroppedTracksDoNotComeBack) {
   const WaveTexture texture(23);
   const auto tracker = MakeTracker();
