@@ -44,6 +44,10 @@ std::string EncodeRefined(const RefinedSubmap& refined) {
     writer.WriteVector(landmark.point_in_submap);
     writer.WriteSymmetric<3>(landmark.covariance.Matrix());
   }
+  writer.Write(static_cast<uint32_t>(refined.redundant_keyframes.size()));
+  for (const int keyframe : refined.redundant_keyframes) {
+    writer.Write(static_cast<uint32_t>(keyframe));
+  }
   return writer.Take();
 }
 
@@ -61,6 +65,16 @@ Status DecodeRefined(std::string_view bytes, RefinedSubmap* refined) {
     landmark.point_in_submap = reader.ReadVector();
     landmark.covariance = reader.ReadSymmetric<3>();
     if (!landmark.point_in_submap.allFinite()) return Damaged("a refined submap's landmarks");
+  }
+  refined->redundant_keyframes.resize(reader.ReadCount(sizeof(uint32_t)));
+  int64_t last = 0;
+  for (int& keyframe : refined->redundant_keyframes) {
+    const auto number = static_cast<int64_t>(reader.Read<uint32_t>());
+    if (number <= last || number + 1 >= static_cast<int64_t>(refined->submap_from_camera.size())) {
+      return Damaged("a refined submap's redundant keyframes");
+    }
+    last = number;
+    keyframe = static_cast<int>(number);
   }
   if (!reader.AtEnd()) return Damaged("a refined submap");
   if (refined->submap_from_camera.size() != refined->raw->keyframes.size()) {
