@@ -13,7 +13,7 @@ namespace portolan {
 namespace {
 
 // Leverages change while landmarks go: they are found anew after this share of those that are left.
-constexpr double kRoundShare = 0.15;
+constexpr double kRoundShare = 0.34;
 constexpr int kMinViews = 2;
 
 class Selection {
@@ -79,6 +79,7 @@ class Selection {
 
   // The one whose landmarks' positions lose least goes first.
   void RemoveKeyframes() {
+    std::vector<SubmapChoice> steps = {choice_};
     std::set<int> candidates;
     for (int k = 0; k < static_cast<int>(choice_.keyframes.size()); ++k) {
       if (std::find(held_keyframes_.begin(), held_keyframes_.end(), k) == held_keyframes_.end()) {
@@ -91,13 +92,19 @@ class Selection {
         return losses[a] < losses[b];
       });
       candidates.erase(least);
-      if (GapWithout(least) > (getenv("GAP") ? atoi(getenv("GAP")) : options_.max_keyframe_gap)) continue;
-      SubmapChoice next = choice_;
-      next.keyframes[least] = false;
-      DropUnseen(&next);
-      if (!KeepsEnough(next, options_.min_keyframe_information)) break;
-      choice_ = std::move(next);
+      if (GapWithout(least) > options_.max_keyframe_gap) continue;
+      choice_.keyframes[least] = false;
+      DropUnseen(&choice_);
+      steps.push_back(choice_);
     }
+    // The last step that keeps enough, by bisection: the first one does, which is everything.
+    size_t enough = 0, too_far = steps.size();
+    if (KeepsEnough(steps.back(), options_.min_keyframe_information)) enough = steps.size() - 1;
+    while (too_far - enough > 1) {
+      const size_t middle = (enough + too_far) / 2;
+      (KeepsEnough(steps[middle], options_.min_keyframe_information) ? enough : too_far) = middle;
+    }
+    choice_ = steps[enough];
   }
 
   // Length of the run of removed keyframes that k would be part of.
@@ -166,14 +173,15 @@ class Selection {
     }
   }
 
+  // Those with descriptors, which closures match, are not among them.
   std::vector<size_t> ByWeightedLeverage() const {
     const Eigen::MatrixXd information = information_.PoseInformation(choice_);
     Eigen::MatrixXd covariance = Eigen::MatrixXd::Identity(information.rows(), information.cols());
     if (!SolvePositiveDefinite(information, covariance)) return {};
     std::vector<std::pair<double, size_t>> leverages;
     for (size_t i = 0; i < choice_.landmarks.size(); ++i) {
-      if (!choice_.landmarks[i]) continue;
-      const double weight = IsLinking(i) ? options_.linking_weight : 1.0;
+      if (!choice_.landmarks[i] || described_.contains(submap_.landmarks[i].track)) continue;
+      const double weight = IsShared(i) ? options_.sharing_weight : 1.0;
       leverages.emplace_back(weight * information_.Leverage(i, choice_, covariance), i);
     }
     std::sort(leverages.begin(), leverages.end());
@@ -182,12 +190,10 @@ class Selection {
     return order;
   }
 
-  bool IsLinking(size_t landmark) const {
+  bool IsShared(size_t landmark) const {
     const std::vector<View>& views = information_.tracks()[landmark].views;
     const int last = static_cast<int>(choice_.keyframes.size()) - 1;
-    const bool is_shared =
-        !views.empty() && (views.front().keyframe == 0 || views.back().keyframe == last);
-    return is_shared || described_.contains(submap_.landmarks[landmark].track);
+    return !views.empty() && (views.front().keyframe == 0 || views.back().keyframe == last);
   }
 
   // The choice without the first `count` of the order that no keyframe and no cell needs.
@@ -248,7 +254,7 @@ Status RedundancyOptions::Validate() const {
   }
   if (max_keyframe_gap < 1 || min_tracks_of_keyframe < 3 || grid_columns < 1 || grid_rows < 1 ||
       grid_columns > 100 || grid_rows > 100 || min_tracks_of_cell < 0 ||
-      !(min_agreeing_share >= 0 && min_agreeing_share <= 1) || !(linking_weight >= 1) ||
+      !(min_agreeing_share >= 0 && min_agreeing_share <= 1) || !(sharing_weight >= 1) ||
       !(agreeing_chi2 > 0)) {
     return absl::InvalidArgumentError("redundancy: limits out of range");
   }
@@ -276,8 +282,16 @@ std::shared_ptr<const RefinedSubmap> RedundancyRemover::Remove(
     if (choice.landmarks[i]) reduced->landmarks.push_back(submap->landmarks[i]);
   }
   reduced->landmarks.shrink_to_fit();
+  const auto agreeing = AgreeingObservations(*reduced, options_.agreeing_chi2);
   for (size_t k = 0; k < choice.keyframes.size(); ++k) {
-    if (!choice.keyframes[k]) reduced->redundant_keyframes.push_back(static_cast<int>(k));
+    if (choice.keyframes[k]) continue;
+    reduced->redundant_keyframes.push_back(static_cast<int>(k));
+    const std::vector<Observation>& observations = submap->raw->keyframes[k].observations;
+    for (size_t i = 0; i < observations.size(); ++i) {
+      if (!agreeing[k][i]) continue;
+      const RefinedLandmark* landmark = FindLandmark(*reduced, observations[i].track);
+      ++reduced->landmarks[landmark - reduced->landmarks.data()].redundant_count;
+    }
   }
   return reduced;
 }

@@ -27,9 +27,8 @@ struct RedundancyOptions {
   int grid_columns = 4;
   int grid_rows = 3;
   int min_tracks_of_cell = 3;
-  // Leverage of tracks that hold submaps together counts so many times: those in the first or last
-  // keyframe, which the neighbours share, and those with descriptors, which closures match.
-  double linking_weight = 2.0;
+  // Leverage of tracks in the first or last keyframe, which the neighbours share, counts so often.
+  double sharing_weight = 2.0;
   // Observations whose squared error in sigmas is under this are what was adjusted.
   double agreeing_chi2 = 16.0;
 

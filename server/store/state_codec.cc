@@ -9,7 +9,7 @@ namespace portolan {
 namespace {
 
 constexpr size_t kRigidSize = 7 * sizeof(double);
-constexpr size_t kRefinedLandmarkSize = 2 * sizeof(uint32_t) + 9 * sizeof(double);
+constexpr size_t kRefinedLandmarkSize = 3 * sizeof(uint32_t) + 9 * sizeof(double);
 constexpr size_t kFusedLandmarkSize = sizeof(int64_t) + 2 * sizeof(uint32_t) + 9 * sizeof(double);
 constexpr size_t kSightSize = sizeof(int64_t) + sizeof(uint32_t);
 
@@ -41,6 +41,7 @@ std::string EncodeRefined(const RefinedSubmap& refined) {
   for (const RefinedLandmark& landmark : refined.landmarks) {
     writer.Write(landmark.track.value());
     writer.Write(static_cast<uint32_t>(landmark.observation_count));
+    writer.Write(static_cast<uint32_t>(landmark.redundant_count));
     writer.WriteVector(landmark.point_in_submap);
     writer.WriteSymmetric<3>(landmark.covariance.Matrix());
   }
@@ -62,6 +63,7 @@ Status DecodeRefined(std::string_view bytes, RefinedSubmap* refined) {
   for (RefinedLandmark& landmark : refined->landmarks) {
     landmark.track = TrackId(reader.Read<uint32_t>());
     landmark.observation_count = static_cast<int>(reader.Read<uint32_t>());
+    landmark.redundant_count = static_cast<int>(reader.Read<uint32_t>());
     landmark.point_in_submap = reader.ReadVector();
     landmark.covariance = reader.ReadSymmetric<3>();
     if (!landmark.point_in_submap.allFinite()) return Damaged("a refined submap's landmarks");

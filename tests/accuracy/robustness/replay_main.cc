@@ -6,8 +6,8 @@
 //                   [--keyframe-information S] [--landmark-information S] FOLDER...
 //
 // The shares are those of server/redundancy; 1 keeps everything. The last columns are what the map
-// goes on with (keyframes, landmarks of submaps and observations of both) and the CPU time of the
-// background work.
+// goes on with (keyframes, landmarks of submaps, the landmarks that it publishes, and observations)
+// and the CPU time of the background work.
 //
 // PATH is a trajectory file for all agents or a folder with AGENT/groundtruth.txt. A FOLDER holds
 // one recording: AGENT/SESSION/*.submap, the outboxes of agents that ran without a server. Run 0 of
@@ -78,10 +78,11 @@ StatusOr<ReplayedMap> Replay(const RecordedMission& mission, int run, bool backg
 
 // What the map's adjustments see of its submaps.
 void PrintContents(const MapSnapshot& snapshot) {
-  size_t keyframes = 0, landmarks = 0, observations = 0;
+  size_t keyframes = 0, landmarks = 0, observations = 0, published = 0;
   for (const auto& state : snapshot.submaps) {
     const RefinedSubmap& refined = *state->refined;
     landmarks += refined.landmarks.size();
+    published += state->landmarks.size();
     for (size_t k = 0; k < refined.raw->keyframes.size(); ++k) {
       if (IsRedundant(refined, static_cast<int>(k))) continue;
       ++keyframes;
@@ -90,7 +91,7 @@ void PrintContents(const MapSnapshot& snapshot) {
       }
     }
   }
-  std::printf(" %9zu %9zu %12zu", keyframes, landmarks, observations);
+  std::printf(" %9zu %9zu %9zu %12zu", keyframes, landmarks, published, observations);
 }
 
 void PrintClosures(const MapSnapshot& snapshot) {
@@ -109,9 +110,9 @@ void PrintClosures(const MapSnapshot& snapshot) {
 Status Run(const Arguments& arguments) {
   PORTOLAN_ASSIGN_OR_RETURN(const GroundTruths groundtruth,
                             ReadGroundTruths(arguments.groundtruth));
-  std::printf("%-28s %4s %6s %9s %9s %9s %9s %9s %9s %9s %12s %6s\n", "recording", "run", "parts",
-              "ATE mm", "% path", "part mm", "coverage", "closures", "keyframes", "landmarks",
-              "observations", "CPU s");
+  std::printf("%-28s %4s %6s %9s %9s %9s %9s %9s %9s %9s %9s %12s %6s\n", "recording", "run",
+              "parts", "ATE mm", "% path", "part mm", "coverage", "closures", "keyframes",
+              "landmarks", "published", "observations", "CPU s");
   std::vector<double> errors;
   int whole = 0, wrong = 0;
   for (const std::string& folder : arguments.folders) {
@@ -129,11 +130,6 @@ Status Run(const Arguments& arguments) {
                   1e3 * accuracy.worst_part_m, accuracy.coverage,
                   snapshot->closures ? snapshot->closures->size() : 0);
       PrintContents(*snapshot);
-      if (getenv("DUMP")) { FILE* f = fopen(getenv("DUMP"), "w");
-        for (const auto& st : snapshot->submaps) for (size_t k = 0; k < st->world_from_camera.size(); ++k) {
-          const auto& t = st->world_from_camera[k].translation;
-          fprintf(f, "%lld %zu %d %.9f %.9g %.9g %.9g %.6g\n", (long long)st->refined->id.value(), k, (int)IsRedundant(*st->refined, k), 1e-9 * st->refined->raw->keyframes[k].time.count(), t.x(), t.y(), t.z(), st->world_from_submap.scale); }
-        fclose(f); }
       std::printf(" %6.2f\n", replayed.background_s);
       if (arguments.verbose) PrintClosures(*snapshot);
       std::fflush(stdout);
