@@ -17,10 +17,10 @@ namespace portolan {
 struct RefinedLandmark {
   TrackId track;
   int observation_count = 0;
-  int redundant_count = 0;  // of these, in redundant keyframes
   Eigen::Vector3d point_in_submap = Eigen::Vector3d::Zero();
   // Large along the ray where the parallax is small; always positive definite.
   Symmetric3 covariance;
+  int redundant_count = 0;  // observations, of those above, in redundant keyframes
 };
 
 struct RefinedSubmap {
