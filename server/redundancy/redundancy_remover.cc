@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <set>
 #include <utility>
@@ -93,8 +94,11 @@ class Selection {
       });
       candidates.erase(least);
       if (GapWithout(least) > options_.max_keyframe_gap) continue;
-      choice_.keyframes[least] = false;
-      DropUnseen(&choice_);
+      SubmapChoice next = choice_;
+      next.keyframes[least] = false;
+      DropUnseen(&next);
+      if (LeastTracks(next) < options_.min_tracks_of_keyframe) continue;
+      choice_ = std::move(next);
       steps.push_back(choice_);
     }
     // The last step that keeps enough, by bisection: the first one does, which is everything.
@@ -122,6 +126,20 @@ class Selection {
         choice->landmarks[i] = false;
       }
     }
+  }
+
+  // Landmarks of the chosen keyframe that sees fewest.
+  int LeastTracks(const SubmapChoice& choice) const {
+    std::vector<int> counts(choice.keyframes.size(), 0);
+    for (size_t i = 0; i < choice.landmarks.size(); ++i) {
+      if (!choice.landmarks[i]) continue;
+      for (const View& view : information_.tracks()[i].views) ++counts[view.keyframe];
+    }
+    int least = std::numeric_limits<int>::max();
+    for (size_t k = 0; k < counts.size(); ++k) {
+      if (choice.keyframes[k]) least = std::min(least, counts[k]);
+    }
+    return least;
   }
 
   static int ViewCount(const Track& track, const std::vector<bool>& keyframes) {

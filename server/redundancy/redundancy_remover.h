@@ -21,8 +21,8 @@ struct RedundancyOptions {
   double min_agreeing_share = 0.75;
   // Keyframes one after another that may go; their poses are interpolated.
   int max_keyframe_gap = 3;
-  // A landmark stays while one of its keyframes has fewer others, as a whole or in the cell of the
-  // image that it is in.
+  // No keyframe that stays is left with fewer landmarks than this; where few are seen, each counts.
+  // A landmark stays, too, while a cell of a keyframe's image has no more than so many.
   int min_tracks_of_keyframe = 60;
   int grid_columns = 4;
   int grid_rows = 3;

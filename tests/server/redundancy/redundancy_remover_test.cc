@@ -259,9 +259,11 @@ TEST(RedundancyRemover, DescribedTracksAndFewTracksOfAKeyframeStay) {
             options.min_tracks_of_keyframe);
 
   HandMade sparse;
-  sparse.AddMany(options.min_tracks_of_keyframe, 3.0);
-  choice = MakeRemover(options).Choose(sparse.Finish());
-  EXPECT_EQ(std::count(choice.landmarks.begin(), choice.landmarks.end(), false), 0);
+  sparse.AddMany(options.min_tracks_of_keyframe - 1, 3.0);
+  options.min_keyframe_information = 0.01;
+  const RefinedSubmap few = sparse.Finish();
+  EXPECT_EQ(MakeRemover(options).Choose(few).landmarks, Everything(few).landmarks);
+  EXPECT_EQ(MakeRemover(options).Choose(few).keyframes, Everything(few).keyframes);
 }
 
 // Where a third of the observations disagrees, the estimate may be the wrong one.
