@@ -12,13 +12,13 @@ StatusOr<std::unique_ptr<SubmapPreparer>> SubmapPreparer::Create(const MapBuilde
   PORTOLAN_ASSIGN_OR_RETURN(std::unique_ptr<PlaceIndex> places,
                             PlaceIndex::Create(options.place_index));
   PORTOLAN_ASSIGN_OR_RETURN(Verifier verifier, Verifier::Create(options.verifier));
-  return std::unique_ptr<SubmapPreparer>(
-      new SubmapPreparer(options, std::move(refiner), std::move(remover), std::move(places),
-                         std::move(verifier)));
+  return std::unique_ptr<SubmapPreparer>(new SubmapPreparer(
+      options, std::move(refiner), std::move(remover), std::move(places), std::move(verifier)));
 }
 
 SubmapPreparer::SubmapPreparer(const MapBuilderOptions& options, SubmapRefiner refiner,
-                               RedundancyRemover remover, std::unique_ptr<PlaceIndex> places, Verifier verifier)
+                               RedundancyRemover remover, std::unique_ptr<PlaceIndex> places,
+                               Verifier verifier)
     : options_(options),
       refiner_(std::move(refiner)),
       remover_(std::move(remover)),

@@ -38,8 +38,8 @@ struct SubmapInput {
   std::shared_ptr<const PreparedSubmap> prepared = nullptr;
 };
 
-// Refines, thins, recognises and verifies submaps one after another. Each is compared with those before
-// it, whether or not the map has them yet, so that the result depends on their order only.
+// Refines, thins, recognises and verifies submaps one after another. Each is compared with those
+// before it, whether or not the map has them yet, so that the result depends on their order only.
 // One thread at a time calls it, except for times().
 class SubmapPreparer {
  public:

@@ -381,9 +381,8 @@ void MapModel::CarryRedundantKeyframes(SubmapId id) {
     const double part = whole > 0 ? way / whole : 0.5;
     const Rigid3 by_a = carried_by(a);
     const Rigid3 by_b = carried_by(b);
-    submap.world_from_camera[keyframe] = {
-        by_a.rotation.slerp(part, by_b.rotation).normalized(),
-        (1 - part) * by_a.translation + part * by_b.translation};
+    submap.world_from_camera[keyframe] = {by_a.rotation.slerp(part, by_b.rotation).normalized(),
+                                          (1 - part) * by_a.translation + part * by_b.translation};
   }
 }
 

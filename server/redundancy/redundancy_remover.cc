@@ -48,10 +48,9 @@ class Selection {
     const auto agreeing = AgreeingObservations(submap_, options_.agreeing_chi2);
     for (size_t k = 0; k < agreeing.size(); ++k) {
       const std::vector<Observation>& observations = submap_.raw->keyframes[k].observations;
-      const auto of_landmarks =
-          std::count_if(observations.begin(), observations.end(), [&](const Observation& one) {
-            return FindLandmark(submap_, one.track) != nullptr;
-          });
+      const auto of_landmarks = std::count_if(
+          observations.begin(), observations.end(),
+          [&](const Observation& one) { return FindLandmark(submap_, one.track) != nullptr; });
       const auto count = std::count(agreeing[k].begin(), agreeing[k].end(), true);
       if (static_cast<double>(count) <
           options_.min_agreeing_share * static_cast<double>(of_landmarks)) {
@@ -89,9 +88,8 @@ class Selection {
     }
     while (!candidates.empty()) {
       const std::vector<double> losses = KeyframeLosses();
-      const int least = *std::min_element(candidates.begin(), candidates.end(), [&](int a, int b) {
-        return losses[a] < losses[b];
-      });
+      const int least = *std::min_element(candidates.begin(), candidates.end(),
+                                          [&](int a, int b) { return losses[a] < losses[b]; });
       candidates.erase(least);
       if (GapWithout(least) > options_.max_keyframe_gap) continue;
       SubmapChoice next = choice_;
@@ -218,8 +216,7 @@ class Selection {
   SubmapChoice Without(const std::vector<size_t>& order, size_t count) const {
     SubmapChoice next = choice_;
     std::vector<std::vector<int>> cells(
-        choice_.keyframes.size(),
-        std::vector<int>(options_.grid_columns * options_.grid_rows, 0));
+        choice_.keyframes.size(), std::vector<int>(options_.grid_columns * options_.grid_rows, 0));
     std::vector<int> totals(choice_.keyframes.size(), 0);
     const auto add = [&](size_t landmark, int change) {
       for (const View& view : information_.tracks()[landmark].views) {

@@ -15,9 +15,9 @@ struct RedundancyOptions {
   // or landmarks go; with 1, none goes. README.md has the figures.
   double min_keyframe_information = 0.5;
   double min_landmark_information = 0.9;
-  // A submap with a keyframe of whose landmarks' observations less than this share agrees stays whole.
-  // Sound ones have 0.8 and more; 0.5 is where something large moved, and which half the map should
-  // believe shows when all of it is adjusted with its neighbours.
+  // A submap with a keyframe of whose landmarks' observations less than this share agrees stays
+  // whole. Sound ones have 0.8 and more; 0.5 is where something large moved, and which half the map
+  // should believe shows when all of it is adjusted with its neighbours.
   double min_agreeing_share = 0.75;
   // Keyframes one after another that may go; their poses are interpolated.
   int max_keyframe_gap = 3;

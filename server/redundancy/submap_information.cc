@@ -150,8 +150,7 @@ Eigen::MatrixXd SubmapInformation::PoseInformation(const SubmapChoice& choice) c
   Eigen::VectorXd scale = Eigen::VectorXd::Zero(size);
   for (size_t k = 1; k < rows.size(); ++k) {
     if (rows[k] == kNoRow) continue;
-    scale.segment<6>(rows[k]) =
-        scale_direction_.segment<6>(kPoseSize * (static_cast<int>(k) - 1));
+    scale.segment<6>(rows[k]) = scale_direction_.segment<6>(kPoseSize * (static_cast<int>(k) - 1));
   }
   information += scale * scale.transpose();
   information.triangularView<Eigen::StrictlyUpper>() = information.transpose();
@@ -186,23 +185,20 @@ double SubmapInformation::Leverage(size_t track, const SubmapChoice& choice,
   for (const View& view : tracks_[track].views) {
     const int row = rows[view.keyframe];
     if (row == kNoRow) continue;
-    leverage += (view.d_camera * covariance.block<6, 6>(row, row))
-                    .cwiseProduct(view.d_camera)
-                    .sum();
+    leverage +=
+        (view.d_camera * covariance.block<6, 6>(row, row)).cwiseProduct(view.d_camera).sum();
     couplings.emplace_back(row, view.d_point.transpose() * view.d_camera);
   }
   Eigen::Matrix3d point = Eigen::Matrix3d::Zero();
   for (size_t a = 0; a < couplings.size(); ++a) {
     for (size_t b = 0; b <= a; ++b) {
-      const Eigen::Matrix3d part =
-          couplings[a].second *
-          covariance.block<6, 6>(couplings[a].first, couplings[b].first) *
-          couplings[b].second.transpose();
+      const Eigen::Matrix3d part = couplings[a].second *
+                                   covariance.block<6, 6>(couplings[a].first, couplings[b].first) *
+                                   couplings[b].second.transpose();
       point += a == b ? part : Eigen::Matrix3d(part + part.transpose());
     }
   }
-  const Eigen::Matrix3d conditional =
-      PointInformation(tracks_[track], choice.keyframes).inverse();
+  const Eigen::Matrix3d conditional = PointInformation(tracks_[track], choice.keyframes).inverse();
   return leverage - conditional.cwiseProduct(point).sum();
 }
 

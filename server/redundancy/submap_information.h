@@ -1,5 +1,5 @@
-// What a refined submap's observations tell of the poses of its keyframes, as Fisher information with
-// the landmarks eliminated.
+// What a refined submap's observations tell of the poses of its keyframes, as Fisher information
+// with the landmarks eliminated.
 #ifndef PORTOLAN_SERVER_REDUNDANCY_SUBMAP_INFORMATION_H_
 #define PORTOLAN_SERVER_REDUNDANCY_SUBMAP_INFORMATION_H_
 
@@ -16,9 +16,9 @@ struct SubmapChoice {
   std::vector<bool> landmarks;  // parallel to landmarks
 };
 
-// Immutable. Keyframe 0 is the gauge, and the scale is held: the distances of the keyframes in `ends`
-// from it (any others would do: no observation tells the scale). Points without parallax have a
-// depth prior as wide as the scene is deep.
+// Immutable. Keyframe 0 is the gauge, and the scale is held: the distances of the keyframes in
+// `ends` from it (any others would do: no observation tells the scale). Points without parallax
+// have a depth prior as wide as the scene is deep.
 class SubmapInformation {
  public:
   struct View {
@@ -45,9 +45,9 @@ class SubmapInformation {
   // views in them.
   Eigen::MatrixXd PoseInformation(const SubmapChoice& choice) const;
 
-  // The share of the information on its poses that a choice keeps, that of the pose that loses most:
-  // of a pose, the others unknown, it is the geometric mean over its six directions of the variance
-  // from everything over that from the choice. No value if the poses are not determined.
+  // The share of the information on its poses that a choice keeps, that of the pose that loses
+  // most: of a pose, the others unknown, it is the geometric mean over its six directions of the
+  // variance from everything over that from the choice. No value if the poses are not determined.
   std::optional<double> Share(const SubmapChoice& choice) const;
 
   // How much of the pose information a track is: trace(covariance * its information), of the sum of

@@ -118,9 +118,8 @@ Status Run(const Arguments& arguments) {
   for (const std::string& folder : arguments.folders) {
     PORTOLAN_ASSIGN_OR_RETURN(const RecordedMission mission, ReadRecordedMission(folder));
     for (int run = arguments.first_run; run < arguments.first_run + arguments.runs; ++run) {
-      PORTOLAN_ASSIGN_OR_RETURN(
-          const ReplayedMap replayed,
-          Replay(mission, run, arguments.background, arguments.redundancy));
+      PORTOLAN_ASSIGN_OR_RETURN(const ReplayedMap replayed,
+                                Replay(mission, run, arguments.background, arguments.redundancy));
       const std::shared_ptr<const MapSnapshot>& snapshot = replayed.snapshot;
       PORTOLAN_ASSIGN_OR_RETURN(const MapAccuracy accuracy, EvaluateMap(*snapshot, groundtruth));
       const double mean_path_m = accuracy.path_m / mission.agents.size();
