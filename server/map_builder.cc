@@ -7,6 +7,7 @@ namespace portolan {
 
 Status MapBuilderOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(refiner.Validate());
+  PORTOLAN_RETURN_IF_ERROR(redundancy.Validate());
   PORTOLAN_RETURN_IF_ERROR(place_index.Validate());
   PORTOLAN_RETURN_IF_ERROR(verifier.Validate());
   PORTOLAN_RETURN_IF_ERROR(aligner.Validate());

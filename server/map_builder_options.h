@@ -6,6 +6,7 @@
 #include "server/alignment/map_aligner.h"
 #include "server/fusion/map_fuser.h"
 #include "server/place_recognition/place_index.h"
+#include "server/redundancy/redundancy_remover.h"
 #include "server/refinement/submap_refiner.h"
 #include "server/verification/verifier.h"
 
@@ -13,6 +14,7 @@ namespace portolan {
 
 struct MapBuilderOptions {
   SubmapRefinerOptions refiner;
+  RedundancyOptions redundancy;
   PlaceIndexOptions place_index;
   VerifierOptions verifier;
   MapAlignerOptions aligner;

@@ -59,6 +59,12 @@ void ProgramOptions::AddTo(OptionTable* table) {
              "Long-term limit of the corrections to one agent.");
   table->Add("offered_bytes_per_second", &server.offers.bytes_per_second, "bytes/s",
              "Long-term limit of the landmarks of others that one agent is offered; 0 for none.");
+  RedundancyOptions& redundancy = map_builder.redundancy;
+  table->Add("redundancy.keyframe_information", &redundancy.min_keyframe_information, "",
+             "Keyframes go from the joint map while every pose of their submap keeps this share of "
+             "its information; 1 keeps all. Their poses follow their neighbours'.");
+  table->Add("redundancy.landmark_information", &redundancy.min_landmark_information, "",
+             "The same of landmarks without descriptors, of what is left then.");
   table->Add("correction_share", &server.corrections.translation_share, "",
              "A submap is told again once a keyframe moved by more than this share of the "
              "distance of its landmarks.");

@@ -7,17 +7,21 @@ namespace portolan {
 
 StatusOr<std::unique_ptr<SubmapPreparer>> SubmapPreparer::Create(const MapBuilderOptions& options) {
   PORTOLAN_ASSIGN_OR_RETURN(SubmapRefiner refiner, SubmapRefiner::Create(options.refiner));
+  PORTOLAN_ASSIGN_OR_RETURN(RedundancyRemover remover,
+                            RedundancyRemover::Create(options.redundancy));
   PORTOLAN_ASSIGN_OR_RETURN(std::unique_ptr<PlaceIndex> places,
                             PlaceIndex::Create(options.place_index));
   PORTOLAN_ASSIGN_OR_RETURN(Verifier verifier, Verifier::Create(options.verifier));
-  return std::unique_ptr<SubmapPreparer>(
-      new SubmapPreparer(options, std::move(refiner), std::move(places), std::move(verifier)));
+  return std::unique_ptr<SubmapPreparer>(new SubmapPreparer(
+      options, std::move(refiner), std::move(remover), std::move(places), std::move(verifier)));
 }
 
 SubmapPreparer::SubmapPreparer(const MapBuilderOptions& options, SubmapRefiner refiner,
-                               std::unique_ptr<PlaceIndex> places, Verifier verifier)
+                               RedundancyRemover remover, std::unique_ptr<PlaceIndex> places,
+                               Verifier verifier)
     : options_(options),
       refiner_(std::move(refiner)),
+      remover_(std::move(remover)),
       places_(std::move(places)),
       verifier_(std::move(verifier)) {}
 
@@ -37,7 +41,7 @@ std::shared_ptr<const PreparedSubmap> SubmapPreparer::Prepare(const SubmapInput&
   prepared->refined = input.refined;
   if (input.refined == nullptr) {
     const StageClock clock;
-    prepared->refined = refiner_.Refine(input.id, input.submap, input.camera);
+    prepared->refined = remover_.Remove(refiner_.Refine(input.id, input.submap, input.camera));
     AddTime(&StageTimes::refine, clock.ElapsedMs());
   }
   const RefinedSubmap& refined = *prepared->refined;

@@ -38,8 +38,8 @@ struct SubmapInput {
   std::shared_ptr<const PreparedSubmap> prepared = nullptr;
 };
 
-// Refines, recognises and verifies submaps one after another. Each is compared with those before
-// it, whether or not the map has them yet, so that the result depends on their order only.
+// Refines, thins, recognises and verifies submaps one after another. Each is compared with those
+// before it, whether or not the map has them yet, so that the result depends on their order only.
 // One thread at a time calls it, except for times().
 class SubmapPreparer {
  public:
@@ -55,7 +55,7 @@ class SubmapPreparer {
   StageTimes times() const;
 
  private:
-  SubmapPreparer(const MapBuilderOptions& options, SubmapRefiner refiner,
+  SubmapPreparer(const MapBuilderOptions& options, SubmapRefiner refiner, RedundancyRemover remover,
                  std::unique_ptr<PlaceIndex> places, Verifier verifier);
 
   // Where a submap stands in its agent's way.
@@ -74,6 +74,7 @@ class SubmapPreparer {
 
   const MapBuilderOptions options_;
   const SubmapRefiner refiner_;
+  const RedundancyRemover remover_;
   const std::unique_ptr<PlaceIndex> places_;
   const Verifier verifier_;
   std::unordered_map<SubmapId, std::shared_ptr<const RefinedSubmap>> refined_;

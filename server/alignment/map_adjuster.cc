@@ -149,8 +149,16 @@ class WindowAdjustment {
       const SubmapKey& key = model_.submap(camera_names_[i].first).refined->raw->key;
       cameras_of[{key.agent, key.session}].push_back(static_cast<int>(i));
     }
+    std::map<std::pair<AgentId, SessionId>, size_t> redundant;
+    for (const SubmapId id : window_) {
+      const RefinedSubmap& refined = *model_.submap(id).refined;
+      redundant[{refined.raw->key.agent, refined.raw->key.session}] +=
+          refined.redundant_keyframes.size();
+    }
     for (const auto& [session, cameras] : cameras_of) {
-      if (cameras.size() < static_cast<size_t>(options_.min_lens_keyframes)) continue;
+      if (cameras.size() + redundant[session] < static_cast<size_t>(options_.min_lens_keyframes)) {
+        continue;
+      }
       const ModelSubmap& submap = model_.submap(camera_names_[cameras.front()].first);
       if (options_.trust_distortion && submap.refined->camera->has_distortion()) continue;
       if (model_.MainComponentOf(submap.refined->id) != submap.component) continue;
@@ -171,6 +179,7 @@ class WindowAdjustment {
       const std::vector<Rigid3>& cameras = model_.submap(id).world_from_camera;
       DistancePrior prior{CameraIndex(id, 0), 0, 0, measurement.sigma};
       for (size_t k = 1; k < cameras.size(); ++k) {
+        if (IsRedundant(*model_.submap(id).refined, static_cast<int>(k))) continue;
         const double distance = (cameras[k].translation - cameras[0].translation).norm();
         if (distance <= prior.distance) continue;
         prior.distance = distance;
@@ -196,7 +205,7 @@ class WindowAdjustment {
     for (size_t i = 0; i < points.size(); ++i) {
       const PositionTerm& term = positions_->terms[i];
       if (term.control_point >= 0) continue;
-      const int camera = CameraIndex(term.submap, static_cast<int>(std::lround(term.keyframe)));
+      const int camera = CameraIndex(term.submap, Essential(term.submap, term.keyframe));
       const Eigen::Vector3d antenna_from_camera =
           points[i].in_world - problem_.cameras[camera].world_from_camera.translation;
       const Eigen::Vector3d information =
@@ -212,6 +221,30 @@ class WindowAdjustment {
     }
   }
 
+  // The keyframe nearest to a place between two, of those that are adjusted.
+  int Essential(SubmapId id, double keyframe) const {
+    const RefinedSubmap& refined = *model_.submap(id).refined;
+    const int nearest = static_cast<int>(std::lround(keyframe));
+    const int before = EssentialKeyframeBefore(refined, nearest);
+    const int behind = EssentialKeyframeBehind(refined, nearest);
+    return keyframe - before < behind - keyframe ? before : behind;
+  }
+
+  // The pixel in which the essential keyframe would see what a redundant one, which hangs on it,
+  // sees in its own: the place on the ray that is as far away as the point. No value if it would
+  // not.
+  std::optional<Eigen::Vector2d> PixelIn(int essential, const SurveyedPoint::Sight& sight,
+                                         const Eigen::Vector3d& point_in_world) const {
+    if (sight.keyframe == essential) return sight.pixel;
+    const ModelSubmap& submap = model_.submap(sight.submap);
+    const Rigid3& own = submap.world_from_camera[sight.keyframe];
+    const std::optional<Eigen::Vector3d> bearing = submap.camera->Unproject(sight.pixel);
+    if (!bearing) return std::nullopt;
+    const double distance = (point_in_world - own.translation).norm();
+    return submap.camera->Project(submap.world_from_camera[essential].Inverse() *
+                                  (own * Eigen::Vector3d(distance * *bearing)));
+  }
+
   // Its own error counts as one of the pixels; all observations share it.
   void AddSurveyedPoint(const SurveyedPoint& surveyed) {
     const int point = static_cast<int>(problem_.points.size());
@@ -219,10 +252,13 @@ class WindowAdjustment {
     const double sigma_m =
         std::sqrt(static_cast<double>(surveyed.sights.size())) * surveyed.sigma_m;
     for (const SurveyedPoint::Sight& sight : surveyed.sights) {
+      const int keyframe = Essential(sight.submap, sight.keyframe);
+      const auto pixel = PixelIn(keyframe, sight, surveyed.position_in_site);
+      if (!pixel) continue;
       BundleObservation observation;
-      observation.camera = CameraIndex(sight.submap, sight.keyframe);
+      observation.camera = CameraIndex(sight.submap, keyframe);
       observation.point = point;
-      observation.pixel = sight.pixel;
+      observation.pixel = *pixel;
       observation.sigma_px = sight.sigma_px;
       const BundleCamera& camera = problem_.cameras[observation.camera];
       Matrix23d jacobian;
@@ -304,6 +340,14 @@ class WindowAdjustment {
                        problem_.observations[i].inlier);
     }
     for (const SubmapId id : window_) model_.FitSubmapToCameras(id);
+    for (const SubmapId id : window_) {
+      const ModelSubmap& submap = model_.submap(id);
+      model_.CarryRedundantKeyframes(id);
+      // Its last keyframe is one of the window's.
+      if (submap.link && !window_.contains(submap.link->a)) {
+        model_.CarryRedundantKeyframes(submap.link->a);
+      }
+    }
   }
 
   const MapAdjusterOptions& options_;

@@ -99,6 +99,7 @@ void MapModel::CollectSights(ModelSubmap* submap) const {
   const auto agreeing = AgreeingObservations(refined, options_.agreeing_chi2);
   const ModelSubmap* predecessor = submap->link ? &submaps_.at(submap->link->a) : nullptr;
   for (size_t k = 0; k < refined.raw->keyframes.size(); ++k) {
+    if (IsRedundant(refined, static_cast<int>(k))) continue;
     const std::vector<Observation>& observations = refined.raw->keyframes[k].observations;
     for (size_t i = 0; i < observations.size(); ++i) {
       const TrackId track = observations[i].track;
@@ -356,6 +357,32 @@ void MapModel::SetCamera(SubmapId id, int keyframe, const Rigid3& world_from_cam
   const bool last = keyframe + 1 == static_cast<int>(submap.world_from_camera.size());
   if (last && submap.successor) {
     submaps_.at(*submap.successor).world_from_camera.front() = world_from_camera;
+  }
+}
+
+void MapModel::CarryRedundantKeyframes(SubmapId id) {
+  ModelSubmap& submap = submaps_.at(id);
+  const RefinedSubmap& refined = *submap.refined;
+  const std::vector<Rigid3>& before = refined.submap_from_camera;
+  const double scale = submap.world_from_submap.scale;
+  for (const int keyframe : refined.redundant_keyframes) {
+    const auto carried_by = [&](int neighbour) {
+      Rigid3 step = before[neighbour].Inverse() * before[keyframe];
+      step.translation *= scale;
+      return submap.world_from_camera[neighbour] * step;
+    };
+    const int a = EssentialKeyframeBefore(refined, keyframe);
+    const int b = EssentialKeyframeBehind(refined, keyframe);
+    double way = 0, whole = 0;
+    for (int k = a; k < b; ++k) {
+      whole += (before[k + 1].translation - before[k].translation).norm();
+      if (k < keyframe) way = whole;
+    }
+    const double part = whole > 0 ? way / whole : 0.5;
+    const Rigid3 by_a = carried_by(a);
+    const Rigid3 by_b = carried_by(b);
+    submap.world_from_camera[keyframe] = {by_a.rotation.slerp(part, by_b.rotation).normalized(),
+                                          (1 - part) * by_a.translation + part * by_b.translation};
   }
 }
 

@@ -136,6 +136,9 @@ class MapModel {
   std::pair<SubmapId, int> CameraOf(SubmapId id, int keyframe) const;
   // Sets a camera's pose, in both submaps for a shared one. (id, keyframe) is a CameraOf().
   void SetCamera(SubmapId id, int keyframe, const Rigid3& world_from_camera);
+  // Puts a submap's redundant keyframes where their neighbours are: each neighbour carries them as
+  // in the refined submap, and the way between the two tells how much each counts.
+  void CarryRedundantKeyframes(SubmapId id);
   // The lens of a session, whose submaps this is one of, from now on.
   void SetCameraModel(SubmapId id, std::shared_ptr<const CameraModel> camera);
   void SetLandmark(int index, const Eigen::Vector3d& point_in_world) {

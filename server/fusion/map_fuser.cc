@@ -132,6 +132,7 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
   for (const LandmarkSight& sight : landmark.sights) {
     const ModelSubmap& submap = model.submap(sight.submap);
     const int in_submap = MapModel::LandmarkIndex(*submap.refined, sight.track);
+    const int before = fused.observation_count;
     for (const ModelSight& s : submap.sights[in_submap]) {
       if (!s.inlier) continue;
       const Rigid3& pose = submap.world_from_camera[s.keyframe];
@@ -140,6 +141,10 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
                      submap.refined->raw->keyframes[s.keyframe].observations[s.observation],
                      &information);
       ++fused.observation_count;
+    }
+    // Redundant keyframes see it as well, but the estimate owes them nothing.
+    if (fused.observation_count > before) {
+      fused.observation_count += submap.refined->landmarks[in_submap].redundant_count;
     }
   }
   if (fused.observation_count < options_.min_observations) return std::nullopt;

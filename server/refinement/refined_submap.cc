@@ -23,6 +23,21 @@ std::vector<std::vector<bool>> AgreeingObservations(const RefinedSubmap& submap,
   return agreeing;
 }
 
+bool IsRedundant(const RefinedSubmap& submap, int keyframe) {
+  return std::binary_search(submap.redundant_keyframes.begin(), submap.redundant_keyframes.end(),
+                            keyframe);
+}
+
+int EssentialKeyframeBefore(const RefinedSubmap& submap, int keyframe) {
+  while (IsRedundant(submap, keyframe)) --keyframe;
+  return keyframe;
+}
+
+int EssentialKeyframeBehind(const RefinedSubmap& submap, int keyframe) {
+  while (IsRedundant(submap, keyframe)) ++keyframe;
+  return keyframe;
+}
+
 const RefinedLandmark* FindLandmark(const RefinedSubmap& submap, TrackId track) {
   const auto it = std::lower_bound(
       submap.landmarks.begin(), submap.landmarks.end(), track,

@@ -20,6 +20,7 @@ struct RefinedLandmark {
   Eigen::Vector3d point_in_submap = Eigen::Vector3d::Zero();
   // Large along the ray where the parallax is small; always positive definite.
   Symmetric3 covariance;
+  int redundant_count = 0;  // observations, of those above, in redundant keyframes
 };
 
 struct RefinedSubmap {
@@ -33,6 +34,9 @@ struct RefinedSubmap {
   Matrix6d last_keyframe_covariance = Matrix6d::Zero();
   // Ascending track id. Empty if quarantined.
   std::vector<RefinedLandmark> landmarks;
+  // Ascending; keyframes that tell the joint map nothing new (server/redundancy): it takes none of
+  // their observations, and their poses follow the neighbours'. Never the first or the last.
+  std::vector<int> redundant_keyframes;
   double rms_reprojection_px = 0;
   // Not empty: the submap is kept but never fused, for this reason.
   std::string quarantine_reason;
@@ -41,6 +45,11 @@ struct RefinedSubmap {
 // Which of a refined submap's raw observations agree with it: for keyframe k and observation i of
 // it, result[k][i]. Observations of tracks without a landmark do not.
 std::vector<std::vector<bool>> AgreeingObservations(const RefinedSubmap& submap, double max_chi2);
+
+bool IsRedundant(const RefinedSubmap& submap, int keyframe);
+// The keyframe itself, or the nearest one by number, before or behind it, that is not redundant.
+int EssentialKeyframeBefore(const RefinedSubmap& submap, int keyframe);
+int EssentialKeyframeBehind(const RefinedSubmap& submap, int keyframe);
 
 // The landmark of a track; null if it has none.
 const RefinedLandmark* FindLandmark(const RefinedSubmap& submap, TrackId track);

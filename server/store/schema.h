@@ -12,7 +12,7 @@ inline constexpr int64_t kApplicationId = 0x5052544c;
 inline constexpr int64_t kSchemaVersion = 2;
 // Version of the derived tables and their blobs. Raise it on any change; older derived data are
 // dropped and rebuilt, so they need no migration.
-inline constexpr int64_t kDerivedVersion = 4;
+inline constexpr int64_t kDerivedVersion = 5;
 
 // Creates the tables of an empty file, migrates an older one. FailedPrecondition for a newer file,
 // DataLoss for a file that is not a map.

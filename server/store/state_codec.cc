@@ -9,7 +9,7 @@ namespace portolan {
 namespace {
 
 constexpr size_t kRigidSize = 7 * sizeof(double);
-constexpr size_t kRefinedLandmarkSize = 2 * sizeof(uint32_t) + 9 * sizeof(double);
+constexpr size_t kRefinedLandmarkSize = 3 * sizeof(uint32_t) + 9 * sizeof(double);
 constexpr size_t kFusedLandmarkSize = sizeof(int64_t) + 2 * sizeof(uint32_t) + 9 * sizeof(double);
 constexpr size_t kSightSize = sizeof(int64_t) + sizeof(uint32_t);
 
@@ -41,8 +41,13 @@ std::string EncodeRefined(const RefinedSubmap& refined) {
   for (const RefinedLandmark& landmark : refined.landmarks) {
     writer.Write(landmark.track.value());
     writer.Write(static_cast<uint32_t>(landmark.observation_count));
+    writer.Write(static_cast<uint32_t>(landmark.redundant_count));
     writer.WriteVector(landmark.point_in_submap);
     writer.WriteSymmetric<3>(landmark.covariance.Matrix());
+  }
+  writer.Write(static_cast<uint32_t>(refined.redundant_keyframes.size()));
+  for (const int keyframe : refined.redundant_keyframes) {
+    writer.Write(static_cast<uint32_t>(keyframe));
   }
   return writer.Take();
 }
@@ -58,9 +63,20 @@ Status DecodeRefined(std::string_view bytes, RefinedSubmap* refined) {
   for (RefinedLandmark& landmark : refined->landmarks) {
     landmark.track = TrackId(reader.Read<uint32_t>());
     landmark.observation_count = static_cast<int>(reader.Read<uint32_t>());
+    landmark.redundant_count = static_cast<int>(reader.Read<uint32_t>());
     landmark.point_in_submap = reader.ReadVector();
     landmark.covariance = reader.ReadSymmetric<3>();
     if (!landmark.point_in_submap.allFinite()) return Damaged("a refined submap's landmarks");
+  }
+  refined->redundant_keyframes.resize(reader.ReadCount(sizeof(uint32_t)));
+  int64_t last = 0;
+  for (int& keyframe : refined->redundant_keyframes) {
+    const auto number = static_cast<int64_t>(reader.Read<uint32_t>());
+    if (number <= last || number + 1 >= static_cast<int64_t>(refined->submap_from_camera.size())) {
+      return Damaged("a refined submap's redundant keyframes");
+    }
+    last = number;
+    keyframe = static_cast<int>(number);
   }
   if (!reader.AtEnd()) return Damaged("a refined submap");
   if (refined->submap_from_camera.size() != refined->raw->keyframes.size()) {

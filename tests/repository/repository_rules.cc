@@ -24,15 +24,15 @@ const std::vector<std::vector<std::string>> kFlows = {
     {"common/base", "common/geometry", "common/camera", "common/submap", "common/wire",
      "common/client"},
     {"agent/image_source", "agent/tracker", "agent/filter", "agent/submap", "agent/uplink"},
-    {"server/refinement", "server/place_recognition", "server/verification", "server/alignment",
-     "server/fusion", "server/rpc", "server/cli"},
+    {"server/refinement", "server/redundancy", "server/place_recognition", "server/verification",
+     "server/alignment", "server/fusion", "server/rpc", "server/cli"},
 };
 
 const std::set<std::string> kAlgorithmFolders = {
     "common/geometry",          "common/camera",       "common/features",   "common/submap",
     "common/trajectory",        "agent/tracker",       "agent/filter",      "agent/submap",
     "server/refinement",        "server/verification", "server/alignment",  "server/fusion",
-    "server/place_recognition", "agent/landmarks",     "server/pose_graph",
+    "server/place_recognition", "agent/landmarks",     "server/pose_graph", "server/redundancy",
 };
 
 // Value types that every stage of the server reads, though one of them owns the header; they have

@@ -2,11 +2,18 @@
 // seeds and with the background work at other times, and prints what the maps are like. A part
 // whose own ATE exceeds 3 % of the agents' mean path was put together wrongly.
 //
-//   portolan-replay --groundtruth PATH [--runs N] [--first-run N] [--no-background] FOLDER...
+//   portolan-replay --groundtruth PATH [--runs N] [--first-run N] [--no-background]
+//                   [--keyframe-information S] [--landmark-information S] FOLDER...
+//
+// The shares are those of server/redundancy; 1 keeps everything. The last columns are what the map
+// goes on with (keyframes, landmarks of submaps, the landmarks that it publishes, and observations)
+// and the CPU time of the background work.
 //
 // PATH is a trajectory file for all agents or a folder with AGENT/groundtruth.txt. A FOLDER holds
 // one recording: AGENT/SESSION/*.submap, the outboxes of agents that ran without a server. Run 0 of
 // each takes the submaps in lockstep order with all background work done after each.
+#include <time.h>
+
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
@@ -28,26 +35,63 @@ struct Arguments {
   int first_run = 0;
   bool background = true;
   bool verbose = false;
+  RedundancyOptions redundancy;
   std::vector<std::string> folders;
 };
 
-void FinishBackground(MapBuilder* builder) {
-  const std::atomic<bool> never = false;
-  while (builder->HasBackgroundWork()) builder->RunBackgroundWork(never);
+struct ReplayedMap {
+  std::shared_ptr<const MapSnapshot> snapshot;
+  double background_s = 0;
+};
+
+double ThreadSeconds() {
+  timespec time{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
-StatusOr<std::shared_ptr<const MapSnapshot>> Replay(const RecordedMission& mission, int run,
-                                                    bool background) {
+void FinishBackground(MapBuilder* builder, ReplayedMap* replayed) {
+  const double start = ThreadSeconds();
+  const std::atomic<bool> never = false;
+  while (builder->HasBackgroundWork()) builder->RunBackgroundWork(never);
+  replayed->background_s += ThreadSeconds() - start;
+}
+
+StatusOr<ReplayedMap> Replay(const RecordedMission& mission, int run, bool background,
+                             const RedundancyOptions& redundancy) {
+  ReplayedMap replayed;
   MapBuilderOptions options;
+  options.redundancy = redundancy;
   options.verifier.ransac.seed = static_cast<uint32_t>(run) + 1;
   PORTOLAN_ASSIGN_OR_RETURN(const std::unique_ptr<MapBuilder> builder, MapBuilder::Create(options));
   std::mt19937 random(static_cast<uint32_t>(run) * 7919);
   for (const SubmapInput& input : Interleave(mission, static_cast<uint32_t>(run))) {
     builder->IntegrateSubmap(input);
-    if (background && (run == 0 || random() % 3 == 0)) FinishBackground(builder.get());
+    if (background && (run == 0 || random() % 3 == 0)) {
+      FinishBackground(builder.get(), &replayed);
+    }
   }
-  if (background) FinishBackground(builder.get());
-  return builder->snapshot();
+  if (background) FinishBackground(builder.get(), &replayed);
+  replayed.snapshot = builder->snapshot();
+  return replayed;
+}
+
+// What the map's adjustments see of its submaps.
+void PrintContents(const MapSnapshot& snapshot) {
+  size_t keyframes = 0, landmarks = 0, observations = 0, published = 0;
+  for (const auto& state : snapshot.submaps) {
+    const RefinedSubmap& refined = *state->refined;
+    landmarks += refined.landmarks.size();
+    published += state->landmarks.size();
+    for (size_t k = 0; k < refined.raw->keyframes.size(); ++k) {
+      if (IsRedundant(refined, static_cast<int>(k))) continue;
+      ++keyframes;
+      for (const Observation& observation : refined.raw->keyframes[k].observations) {
+        observations += FindLandmark(refined, observation.track) != nullptr ? 1 : 0;
+      }
+    }
+  }
+  std::printf(" %9zu %9zu %9zu %12zu", keyframes, landmarks, published, observations);
 }
 
 void PrintClosures(const MapSnapshot& snapshot) {
@@ -66,21 +110,26 @@ void PrintClosures(const MapSnapshot& snapshot) {
 Status Run(const Arguments& arguments) {
   PORTOLAN_ASSIGN_OR_RETURN(const GroundTruths groundtruth,
                             ReadGroundTruths(arguments.groundtruth));
-  std::printf("%-28s %4s %6s %9s %9s %9s %9s %9s\n", "recording", "run", "parts", "ATE mm",
-              "% path", "part mm", "coverage", "closures");
+  std::printf("%-28s %4s %6s %9s %9s %9s %9s %9s %9s %9s %9s %12s %6s\n", "recording", "run",
+              "parts", "ATE mm", "% path", "part mm", "coverage", "closures", "keyframes",
+              "landmarks", "published", "observations", "CPU s");
   std::vector<double> errors;
   int whole = 0, wrong = 0;
   for (const std::string& folder : arguments.folders) {
     PORTOLAN_ASSIGN_OR_RETURN(const RecordedMission mission, ReadRecordedMission(folder));
     for (int run = arguments.first_run; run < arguments.first_run + arguments.runs; ++run) {
-      PORTOLAN_ASSIGN_OR_RETURN(const auto snapshot, Replay(mission, run, arguments.background));
+      PORTOLAN_ASSIGN_OR_RETURN(const ReplayedMap replayed,
+                                Replay(mission, run, arguments.background, arguments.redundancy));
+      const std::shared_ptr<const MapSnapshot>& snapshot = replayed.snapshot;
       PORTOLAN_ASSIGN_OR_RETURN(const MapAccuracy accuracy, EvaluateMap(*snapshot, groundtruth));
       const double mean_path_m = accuracy.path_m / mission.agents.size();
-      std::printf("%-28s %4d %6d %9.1f %9.2f %9.1f %9.3f %9zu\n",
+      std::printf("%-28s %4d %6d %9.1f %9.2f %9.1f %9.3f %9zu",
                   std::filesystem::path(folder).filename().c_str(), run, accuracy.components,
                   1e3 * accuracy.ate_m, 100 * accuracy.ate_m / mean_path_m,
                   1e3 * accuracy.worst_part_m, accuracy.coverage,
                   snapshot->closures ? snapshot->closures->size() : 0);
+      PrintContents(*snapshot);
+      std::printf(" %6.2f\n", replayed.background_s);
       if (arguments.verbose) PrintClosures(*snapshot);
       std::fflush(stdout);
       errors.push_back(1e3 * accuracy.ate_m);
@@ -108,6 +157,10 @@ int Main(int argc, char** argv) {
       arguments.runs = std::max(1, std::atoi(argv[++i]));
     } else if (word == "--first-run" && i + 1 < argc) {
       arguments.first_run = std::max(0, std::atoi(argv[++i]));
+    } else if (word == "--keyframe-information" && i + 1 < argc) {
+      arguments.redundancy.min_keyframe_information = std::atof(argv[++i]);
+    } else if (word == "--landmark-information" && i + 1 < argc) {
+      arguments.redundancy.min_landmark_information = std::atof(argv[++i]);
     } else if (word == "--no-background") {
       arguments.background = false;
     } else if (word == "--verbose") {

@@ -5,6 +5,8 @@
 //                    [--background_ms 0]   background work after each submap, interrupted then
 //                    [--polish]            background work to its end, at the end
 //                    [--rebuild]           the same from the raw submaps once more
+//                    [--keyframe_information S] [--landmark_information S]   see server/redundancy;
+//                                          1 keeps everything
 #include <time.h>
 
 #include <algorithm>
@@ -79,7 +81,8 @@ class Replay {
         fleet_(ReplayFleetOptions::For(submaps_, static_cast<int>(flags.at("agents")),
                                        flags.at("visits"),
                                        static_cast<uint64_t>(flags.at("seed")))),
-        builder_(std::move(MapBuilder::Create({})).value()) {}
+        options_(OptionsOf(flags)),
+        builder_(std::move(MapBuilder::Create(options_)).value()) {}
 
   void Run(bool polish, bool rebuild) {
     std::printf(
@@ -95,6 +98,13 @@ class Replay {
   }
 
  private:
+  static MapBuilderOptions OptionsOf(const std::map<std::string, double>& flags) {
+    MapBuilderOptions options;
+    options.redundancy.min_keyframe_information = flags.at("keyframe_information");
+    options.redundancy.min_landmark_information = flags.at("landmark_information");
+    return options;
+  }
+
   void Integrate(int number) {
     ReplaySubmap submap = fleet_.Next();
     truth_.push_back(std::move(submap.world_from_camera));
@@ -124,7 +134,7 @@ class Replay {
 
   // As `portolan-server --rebuild` does: all raw submaps once more, background work at the end.
   void Rebuild() {
-    const auto builder = std::move(MapBuilder::Create({})).value();
+    const auto builder = std::move(MapBuilder::Create(options_)).value();
     for (const auto& state : builder_->snapshot()->submaps) {
       builder->IntegrateSubmap(
           {state->refined->id, state->refined->raw, state->refined->camera, state->refined});
@@ -167,6 +177,7 @@ class Replay {
   const int submaps_;
   const double background_ms_;
   ReplayFleet fleet_;
+  const MapBuilderOptions options_;
   std::unique_ptr<MapBuilder> builder_;
   std::shared_ptr<const LandmarkIndex> index_;
   std::vector<std::vector<Rigid3>> truth_;
@@ -183,6 +194,9 @@ class Replay {
 int main(int argc, char** argv) {
   std::map<std::string, double> flags = {
       {"submaps", 1000}, {"agents", 100}, {"visits", 3}, {"seed", 1}, {"background_ms", 0}};
+  const portolan::RedundancyOptions redundancy;
+  flags["keyframe_information"] = redundancy.min_keyframe_information;
+  flags["landmark_information"] = redundancy.min_landmark_information;
   bool polish = false;
   bool rebuild = false;
   for (int i = 1; i < argc; ++i) {

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <random>
+#include <set>
 
 #include "server/map_builder.h"
 #include "tests/support/replay_fleet.h"
@@ -66,8 +67,10 @@ class TownMission {
     return survey;
   }
 
-  std::unique_ptr<MapBuilder> Build(const Survey& survey, int full_component_submaps = 80) const {
+  std::unique_ptr<MapBuilder> Build(const Survey& survey, int full_component_submaps = 80,
+                                    const RedundancyOptions& redundancy = {}) const {
     MapBuilderOptions options;
+    options.redundancy = redundancy;
     options.aligner.full_component_submaps = full_component_submaps;
     options.aligner.polished_component_submaps = full_component_submaps;
     options.max_candidates = 0;
@@ -184,6 +187,34 @@ TEST(GeoreferencedMap, FiveControlPointsTakeTheDriftOut) {
               report->rms_control_vertical_m);
   EXPECT_LT(rms, 0.5 * drift);
   EXPECT_LT(report->rms_control_horizontal_m, 0.1);
+}
+
+// The keyframes of this town see so little that none is redundant, unless one insists.
+TEST(GeoreferencedMap, RedundantKeyframesSeeControlPointsToo) {
+  TownMission mission(20);
+  const Survey survey = mission.MakeSurvey(4);
+  RedundancyOptions redundancy;
+  redundancy.min_tracks_of_keyframe = 10;
+  const auto snapshot = mission.Build(survey, 80, redundancy)->snapshot();
+  std::set<Timestamp> redundant;
+  for (const auto& state : snapshot->submaps) {
+    for (const int k : state->refined->redundant_keyframes) {
+      redundant.insert(state->refined->raw->keyframes[k].time);
+    }
+  }
+  int by_redundant = 0;
+  for (const ControlPoint& point : survey.points) {
+    for (const ControlObservation& seen : point.observations) {
+      by_redundant += redundant.contains(seen.time) ? 1 : 0;
+    }
+  }
+  EXPECT_GE(by_redundant, 5);
+  const auto& report = snapshot->components[0].georeference;
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->is_georeferenced) << report->problem;
+  // Taken for the neighbours' own, their pixels leave 0.08 m, and the map 2 m.
+  EXPECT_LT(report->rms_control_horizontal_m, 0.03);
+  EXPECT_LT(mission.Rms(*snapshot, false), 1.0);
 }
 
 TEST(GeoreferencedMap, PointsThatAreTakenAwayAgainLeaveNoClaim) {

@@ -48,6 +48,27 @@ TEST(StateCodec, RefinedSubmapRoundTrips) {
   EXPECT_FALSE(DecodeRefined(bytes, &decoded).ok()) << "other number of keyframes";
 }
 
+TEST(StateCodec, RedundantKeyframesAreKeptAndChecked) {
+  const auto state = MakeState(MakeStored(5), ComponentId(1), {1, 2, 3}, 4, 1);
+  RefinedSubmap refined = *state->refined;
+  const auto decode = [&](std::vector<int> redundant, RefinedSubmap* decoded) {
+    refined.redundant_keyframes = std::move(redundant);
+    decoded->raw = refined.raw;
+    return DecodeRefined(EncodeRefined(refined), decoded).ok();
+  };
+  ASSERT_GE(refined.submap_from_camera.size(), 5u);
+  const int last = static_cast<int>(refined.submap_from_camera.size()) - 1;
+  refined.landmarks[1].redundant_count = 2;
+  RefinedSubmap decoded;
+  ASSERT_TRUE(decode({1, last - 1}, &decoded));
+  EXPECT_EQ(decoded.redundant_keyframes, refined.redundant_keyframes);
+  EXPECT_EQ(decoded.landmarks[1].redundant_count, 2);
+  for (const std::vector<int>& wrong :
+       {std::vector<int>{0}, {last}, {1, 1}, {2, 1}, {-1}, {last + 1}}) {
+    EXPECT_FALSE(decode(wrong, &decoded));
+  }
+}
+
 TEST(StateCodec, LensIsKept) {
   const auto camera =
       std::make_shared<const CameraModel>(CameraModel::Create(SubmapTestCamera()).value());

@@ -1,0 +1,205 @@
+#include "server/redundancy/submap_information.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/bundle/bundle_terms.h"
+#include "common/linear_algebra/dense.h"
+
+namespace portolan {
+namespace {
+
+// Standard deviation of the scale that counts as held, relative; no pixel comes near it.
+constexpr double kHeldScaleSigma = 1e-4;
+constexpr int kPoseSize = 6;
+
+using Matrix36d = Eigen::Matrix<double, 3, 6>;
+
+double MedianDepthOf(const RefinedSubmap& submap) {
+  std::vector<double> depths;
+  for (const RefinedLandmark& landmark : submap.landmarks) {
+    depths.push_back(landmark.point_in_submap.norm());
+  }
+  if (depths.empty()) return 1;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return std::max(*middle, 1e-9);
+}
+
+// log det by Cholesky; no value unless positive definite.
+std::optional<double> LogDeterminant(Eigen::MatrixXd matrix) {
+  if (!FactorCholesky(matrix)) return std::nullopt;
+  const double half = matrix.diagonal().array().log().sum();
+  if (!std::isfinite(half)) return std::nullopt;
+  return 2 * half;
+}
+
+}  // namespace
+
+SubmapInformation::SubmapInformation(const RefinedSubmap& submap, const std::vector<int>& ends,
+                                     double agreeing_chi2)
+    : median_depth_(MedianDepthOf(submap)) {
+  AddViews(submap, agreeing_chi2);
+  HoldScale(submap, ends);
+  const SubmapChoice all{std::vector<bool>(submap.raw->keyframes.size(), true),
+                         std::vector<bool>(submap.landmarks.size(), true)};
+  const Eigen::MatrixXd information = PoseInformation(all);
+  full_covariance_ = Eigen::MatrixXd::Identity(information.rows(), information.cols());
+  if (!SolvePositiveDefinite(information, full_covariance_) || !full_covariance_.allFinite()) {
+    full_covariance_.resize(0, 0);
+  }
+}
+
+void SubmapInformation::AddViews(const RefinedSubmap& submap, double agreeing_chi2) {
+  tracks_.resize(submap.landmarks.size());
+  std::vector<PointReference> references(tracks_.size());
+  std::vector<Eigen::Vector3d> parameters(tracks_.size());
+  const auto agreeing = AgreeingObservations(submap, agreeing_chi2);
+  for (size_t k = 0; k < submap.raw->keyframes.size(); ++k) {
+    const CameraReference camera{submap.submap_from_camera[k], submap.camera.get()};
+    const CameraState state(camera);
+    const std::vector<Observation>& observations = submap.raw->keyframes[k].observations;
+    for (size_t i = 0; i < observations.size(); ++i) {
+      if (!agreeing[k][i]) continue;
+      const RefinedLandmark* landmark = FindLandmark(submap, observations[i].track);
+      const size_t index = landmark - submap.landmarks.data();
+      Track& track = tracks_[index];
+      if (track.views.empty()) {
+        const Eigen::Vector3d& anchor = camera.world_from_camera.translation;
+        references[index] = PointReference::At(anchor, landmark->point_in_submap);
+        const double depth = std::max((landmark->point_in_submap - anchor).norm(), 1e-9);
+        parameters[index] = {0, 0, 1 / depth};
+        const double sigma = std::max(1 / depth, 1 / median_depth_);
+        track.depth_information = 1 / (sigma * sigma);
+      }
+      const ReprojectionError error(&references[index], observations[i].pixel.cast<double>(),
+                                    observations[i].sigma_px);
+      Eigen::Vector2d residual;
+      Eigen::Matrix<double, 2, 6, Eigen::RowMajor> d_camera;
+      Eigen::Matrix<double, 2, 3, Eigen::RowMajor> d_point;
+      error.Evaluate(state, parameters[index].data(), residual.data(), d_camera.data(),
+                     d_point.data());
+      track.views.push_back({static_cast<int>(k), observations[i].pixel, d_camera, d_point});
+    }
+  }
+}
+
+void SubmapInformation::HoldScale(const RefinedSubmap& submap, const std::vector<int>& ends) {
+  const size_t count = submap.submap_from_camera.size();
+  scale_direction_ = Eigen::VectorXd::Zero(count == 0 ? 0 : kPoseSize * (count - 1));
+  for (const int k : ends) {
+    if (k == 0) continue;
+    const Rigid3& pose = submap.submap_from_camera[k];
+    scale_direction_.segment<3>(kPoseSize * (k - 1)) =
+        pose.rotation.conjugate() * (pose.translation - submap.submap_from_camera[0].translation);
+  }
+  // The relative change of the scale is direction' d / norm^2. Where the camera hardly moved, it is
+  // held by what is seen of the depth's prior only.
+  const double norm2 = scale_direction_.squaredNorm() + 1e-6 * median_depth_ * median_depth_;
+  scale_direction_ /= norm2 * kHeldScaleSigma;
+}
+
+std::vector<int> SubmapInformation::RowsOf(const std::vector<bool>& keyframes) {
+  std::vector<int> rows(keyframes.size(), kNoRow);
+  int row = 0;
+  for (size_t k = 1; k < keyframes.size(); ++k) {
+    if (!keyframes[k]) continue;
+    rows[k] = row;
+    row += kPoseSize;
+  }
+  return rows;
+}
+
+Eigen::Matrix3d SubmapInformation::PointInformation(const Track& track,
+                                                    const std::vector<bool>& keyframes) const {
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+  information(2, 2) = track.depth_information;
+  for (const View& view : track.views) {
+    if (keyframes[view.keyframe]) information += view.d_point.transpose() * view.d_point;
+  }
+  return information;
+}
+
+Eigen::MatrixXd SubmapInformation::PoseInformation(const SubmapChoice& choice) const {
+  const std::vector<int> rows = RowsOf(choice.keyframes);
+  const int last = rows.empty() ? kNoRow : *std::max_element(rows.begin(), rows.end());
+  const int size = last == kNoRow ? 0 : last + kPoseSize;
+  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(size, size);
+  std::vector<std::pair<int, Matrix36d>> couplings;
+  for (size_t i = 0; i < tracks_.size(); ++i) {
+    if (!choice.landmarks[i]) continue;
+    couplings.clear();
+    int views = 0;
+    for (const View& view : tracks_[i].views) views += choice.keyframes[view.keyframe] ? 1 : 0;
+    if (views < 2) continue;
+    for (const View& view : tracks_[i].views) {
+      const int row = rows[view.keyframe];
+      if (row == kNoRow) continue;
+      information.block<6, 6>(row, row) += view.d_camera.transpose() * view.d_camera;
+      couplings.emplace_back(row, view.d_point.transpose() * view.d_camera);
+    }
+    const Eigen::Matrix3d conditional = PointInformation(tracks_[i], choice.keyframes).inverse();
+    for (size_t a = 0; a < couplings.size(); ++a) {
+      const Matrix36d weights = conditional * couplings[a].second;
+      for (size_t b = 0; b <= a; ++b) {
+        information.block<6, 6>(couplings[a].first, couplings[b].first).noalias() -=
+            weights.transpose() * couplings[b].second;
+      }
+    }
+  }
+  Eigen::VectorXd scale = Eigen::VectorXd::Zero(size);
+  for (size_t k = 1; k < rows.size(); ++k) {
+    if (rows[k] == kNoRow) continue;
+    scale.segment<6>(rows[k]) = scale_direction_.segment<6>(kPoseSize * (static_cast<int>(k) - 1));
+  }
+  information += scale * scale.transpose();
+  information.triangularView<Eigen::StrictlyUpper>() = information.transpose();
+  return information;
+}
+
+std::optional<double> SubmapInformation::Share(const SubmapChoice& choice) const {
+  const std::vector<int> rows = RowsOf(choice.keyframes);
+  const Eigen::MatrixXd information = PoseInformation(choice);
+  if (full_covariance_.size() == 0 || information.size() == 0) return std::nullopt;
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Identity(information.rows(), information.cols());
+  if (!SolvePositiveDefinite(information, covariance)) return std::nullopt;
+  double least = 1;
+  for (size_t k = 1; k < rows.size(); ++k) {
+    if (rows[k] == kNoRow) continue;
+    const Matrix6d kept = covariance.block<6, 6>(rows[k], rows[k]);
+    const int row = kPoseSize * (static_cast<int>(k) - 1);
+    const Matrix6d full = full_covariance_.block<6, 6>(row, row);
+    const std::optional<double> log_kept = LogDeterminant(kept);
+    const std::optional<double> log_full = LogDeterminant(full);
+    if (!log_kept || !log_full) return std::nullopt;
+    least = std::min(least, std::exp((*log_full - *log_kept) / kPoseSize));
+  }
+  return least;
+}
+
+double SubmapInformation::Leverage(size_t track, const SubmapChoice& choice,
+                                   const Eigen::MatrixXd& covariance) const {
+  const std::vector<int> rows = RowsOf(choice.keyframes);
+  double leverage = 0;
+  std::vector<std::pair<int, Matrix36d>> couplings;
+  for (const View& view : tracks_[track].views) {
+    const int row = rows[view.keyframe];
+    if (row == kNoRow) continue;
+    leverage +=
+        (view.d_camera * covariance.block<6, 6>(row, row)).cwiseProduct(view.d_camera).sum();
+    couplings.emplace_back(row, view.d_point.transpose() * view.d_camera);
+  }
+  Eigen::Matrix3d point = Eigen::Matrix3d::Zero();
+  for (size_t a = 0; a < couplings.size(); ++a) {
+    for (size_t b = 0; b <= a; ++b) {
+      const Eigen::Matrix3d part = couplings[a].second *
+                                   covariance.block<6, 6>(couplings[a].first, couplings[b].first) *
+                                   couplings[b].second.transpose();
+      point += a == b ? part : Eigen::Matrix3d(part + part.transpose());
+    }
+  }
+  const Eigen::Matrix3d conditional = PointInformation(tracks_[track], choice.keyframes).inverse();
+  return leverage - conditional.cwiseProduct(point).sum();
+}
+
+}  // namespace portolan
