@@ -15,9 +15,9 @@ namespace {
 constexpr double kMaxRimChi2 = 1.0;
 
 // Were the rim free, the strain at it would spread over more relations beyond: the cost falls by so
-// many times the strain at most (seen: five in the median, in one region of ten more than 17). What
+// many times the strain at most (seen: five in the median, more than 17 in one region of ten). What
 // contradicts by more than that contradicts whatever the region's size.
-constexpr double kMaxReliefOfRim = 10.0;
+constexpr double kMaxReliefOfRim = 30.0;
 
 // Relative decrease of a region's cost under which it has converged.
 constexpr double kMinRegionDecrease = 1e-2;
