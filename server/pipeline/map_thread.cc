@@ -7,6 +7,14 @@
 
 namespace portolan {
 
+namespace {
+
+// Submaps that are prepared before their integration; memory allows no more, for a prepared one is
+// twice as large.
+constexpr size_t kPreparedAhead = 8;
+
+}  // namespace
+
 Status MapThreadOptions::Validate() const {
   if (max_queue < 1) return absl::InvalidArgumentError("max_queue must be positive");
   if (save_interval < Duration::zero()) {
@@ -113,6 +121,15 @@ void MapThread::Run() {
       ++integrated_count_;
       continue;
     }
+    if (const std::shared_ptr<Entry> entry = NextToRefine(); entry != nullptr) {
+      entry->is_taken = true;
+      const SubmapInput input = entry->input;
+      lock.unlock();
+      std::shared_ptr<const RefinedSubmap> refined = engine_->Refine(input);
+      lock.lock();
+      entry->input.refined = std::move(refined);
+      continue;
+    }
     interrupt_ = false;
     lock.unlock();
     if (engine_->HasBackgroundWork()) {
@@ -138,10 +155,17 @@ void MapThread::Run() {
 }
 
 std::shared_ptr<MapThread::Entry> MapThread::NextToPrepare() const {
-  // No farther ahead than memory allows: a prepared submap is twice as large.
-  const size_t end = std::min<size_t>(queue_.size(), 8);
+  const size_t end = std::min(queue_.size(), kPreparedAhead);
   for (size_t i = 0; i < end; ++i) {
     if (!queue_[i]->is_prepared) return queue_[i];
+  }
+  return nullptr;
+}
+
+std::shared_ptr<MapThread::Entry> MapThread::NextToRefine() const {
+  if (options_.lockstep || queue_.size() <= kPreparedAhead) return nullptr;
+  for (size_t i = kPreparedAhead - 1; i > 0; --i) {
+    if (!queue_[i]->is_taken && queue_[i]->input.refined == nullptr) return queue_[i];
   }
   return nullptr;
 }
@@ -168,8 +192,10 @@ void MapThread::RunPreparations() {
       AwaitWork(&lock);
       continue;
     }
+    entry->is_taken = true;
+    const SubmapInput input = entry->input;
     lock.unlock();
-    std::shared_ptr<const PreparedSubmap> prepared = engine_->Prepare(entry->input);
+    std::shared_ptr<const PreparedSubmap> prepared = engine_->Prepare(input);
     lock.lock();
     entry->input.prepared = std::move(prepared);
     entry->is_prepared = true;
