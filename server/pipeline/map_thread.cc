@@ -56,6 +56,7 @@ void MapThread::Push(std::vector<SubmapInput> submaps) {
     queue_.push_back(std::make_shared<Entry>(Entry{std::move(submap)}));
     ++pushed_count_;
     has_entry_.notify_one();
+    if (queue_.size() > kPreparedAhead) wake_.notify_one();
   }
 }
 
@@ -104,7 +105,7 @@ void MapThread::Run() {
     }
     const auto wait = [&](bool is_settled) {
       wake_.wait(lock, [&] {
-        return stop_ || HasPrepared() ||
+        return stop_ || HasPrepared() || NextToRefine() != nullptr ||
                (is_settled ? survey_ != nullptr || !waiters_.empty() : queue_.empty());
       });
     };
