@@ -131,6 +131,11 @@ void MapThread::Run() {
       entry->input.refined = std::move(refined);
       continue;
     }
+    // Background work would take the preparing thread's core.
+    if (IsBehind()) {
+      wait(false);
+      continue;
+    }
     interrupt_ = false;
     lock.unlock();
     if (engine_->HasBackgroundWork()) {
@@ -163,8 +168,12 @@ std::shared_ptr<MapThread::Entry> MapThread::NextToPrepare() const {
   return nullptr;
 }
 
+bool MapThread::IsBehind() const {
+  return !options_.lockstep && queue_.size() > kPreparedAhead;
+}
+
 std::shared_ptr<MapThread::Entry> MapThread::NextToRefine() const {
-  if (options_.lockstep || queue_.size() <= kPreparedAhead) return nullptr;
+  if (!IsBehind()) return nullptr;
   for (size_t i = kPreparedAhead - 1; i > 0; --i) {
     if (!queue_[i]->is_taken && queue_[i]->input.refined == nullptr) return queue_[i];
   }
@@ -203,7 +212,7 @@ void MapThread::RunPreparations() {
     entry->prepared_at = std::chrono::steady_clock::now();
     const bool is_late =
         entry->prepared_at >= queue_.front()->prepared_at + options_.background_patience;
-    if (HasPrepared() && is_late && !options_.lockstep) interrupt_ = true;
+    if (HasPrepared() && (is_late || IsBehind()) && !options_.lockstep) interrupt_ = true;
     wake_.notify_one();
   }
 }

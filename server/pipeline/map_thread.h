@@ -89,6 +89,8 @@ class MapThread {
   // Prepares what waits in the queue, in its order.
   void RunPreparations();
   std::shared_ptr<Entry> NextToPrepare() const;
+  // More submaps wait than are prepared ahead.
+  bool IsBehind() const;
   // If the preparing thread is behind: the last of the next submaps that nobody has begun with.
   std::shared_ptr<Entry> NextToRefine() const;
   // Interrupts background work for which the oldest submap has waited long enough; otherwise waits
