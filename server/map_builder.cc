@@ -37,6 +37,10 @@ class MapBuilder::Impl {
 
   bool Contains(SubmapId id) const { return aligner_.model().Contains(id); }
 
+  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const {
+    return preparer_->Refine(input);
+  }
+
   std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput& input) {
     return preparer_->Prepare(input);
   }
@@ -101,6 +105,10 @@ void MapBuilder::Restore(std::shared_ptr<const MapSnapshot> snapshot) {
 
 void MapBuilder::SetSurvey(std::shared_ptr<const Survey> survey) {
   impl_->SetSurvey(std::move(survey));
+}
+
+std::shared_ptr<const RefinedSubmap> MapBuilder::Refine(const SubmapInput& input) const {
+  return impl_->Refine(input);
 }
 
 std::shared_ptr<const PreparedSubmap> MapBuilder::Prepare(const SubmapInput& input) {

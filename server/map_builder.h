@@ -14,7 +14,8 @@
 
 namespace portolan {
 
-// Thread-compatible: one thread calls it, but for Prepare, for which there may be another. Knows no
+// Thread-compatible: one thread calls it, but for Prepare, for which there may be another, and
+// Refine, which any thread may call. Knows no
 // thread, database or message. Snapshots are immutable and may be shared with other threads.
 class MapBuilder {
  public:
@@ -33,6 +34,9 @@ class MapBuilder {
   // map lies. Put the result into the input, and IntegrateSubmap need not do it. One thread may call
   // this while another one integrates; it sees each submap in the order of their integration.
   std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput& input);
+
+  // The first half of that half, for submaps whose turn has not come.
+  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const;
 
   // Takes one submap, which is valid (common/wire checked it), through all stages. Ids ascend; a
   // submap that is there already is ignored. A submap that cannot be refined is kept, in a

@@ -15,6 +15,9 @@ class MapBuilderEngine : public MapEngine {
   void SetSurvey(std::shared_ptr<const Survey> survey) override {
     builder_->SetSurvey(std::move(survey));
   }
+  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) override {
+    return builder_->Refine(input);
+  }
   std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput& input) override {
     return builder_->Prepare(input);
   }

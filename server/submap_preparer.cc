@@ -32,18 +32,21 @@ void SubmapPreparer::Restore(const MapSnapshot& snapshot) {
   }
 }
 
+std::shared_ptr<const RefinedSubmap> SubmapPreparer::Refine(const SubmapInput& input) const {
+  const StageClock clock;
+  std::shared_ptr<const RefinedSubmap> refined =
+      remover_.Remove(refiner_.Refine(input.id, input.submap, input.camera));
+  AddTime(&StageTimes::refine, clock.ElapsedMs());
+  return refined;
+}
+
 std::shared_ptr<const PreparedSubmap> SubmapPreparer::Prepare(const SubmapInput& input) {
   auto prepared = std::make_shared<PreparedSubmap>();
   if (const auto known = refined_.find(input.id); known != refined_.end()) {
     prepared->refined = known->second;
     return prepared;
   }
-  prepared->refined = input.refined;
-  if (input.refined == nullptr) {
-    const StageClock clock;
-    prepared->refined = remover_.Remove(refiner_.Refine(input.id, input.submap, input.camera));
-    AddTime(&StageTimes::refine, clock.ElapsedMs());
-  }
+  prepared->refined = input.refined != nullptr ? input.refined : Refine(input);
   const RefinedSubmap& refined = *prepared->refined;
   refined_.emplace(input.id, prepared->refined);
   const StageClock recognising;

@@ -40,13 +40,16 @@ struct SubmapInput {
 
 // Refines, thins, recognises and verifies submaps one after another. Each is compared with those
 // before it, whether or not the map has them yet, so that the result depends on their order only.
-// One thread at a time calls it, except for times().
+// One thread at a time calls it, except for Refine() and times().
 class SubmapPreparer {
  public:
   static StatusOr<std::unique_ptr<SubmapPreparer>> Create(const MapBuilderOptions& options);
 
   // Submaps of a stored map, before the first is prepared.
   void Restore(const MapSnapshot& snapshot);
+
+  // The input's refined submap, which may be put into it before it is prepared. Thread-safe.
+  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) const;
 
   // Ids ascend; a submap that is there already has no closures.
   std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput& input);

@@ -1,16 +1,15 @@
 #include "common/bundle/camera_system.h"
 
-#include <Eigen/CholmodSupport>
 #include <algorithm>
 #include <utility>
 
 #include "common/linear_algebra/dense.h"
+#include "common/linear_algebra/sparse_cholesky.h"
 
 namespace portolan {
 
-class CameraSystem::Factor
-    : public Eigen::CholmodDecomposition<Eigen::SparseMatrix<double>, Eigen::Lower> {
- public:
+struct CameraSystem::Factor {
+  SparseCholesky cholesky;
   Eigen::SparseMatrix<double> matrix;
   // Of every column of blocks, from the diagonal down: row of the block and its place.
   std::vector<std::vector<std::pair<int, int32_t>>> columns;
@@ -25,7 +24,6 @@ CameraSystem::CameraSystem(int cameras, int max_dense)
   }
   places_.assign(static_cast<size_t>(cameras) * cameras, -1);
   factor_ = std::make_unique<Factor>();
-  factor_->cholmod().print = 0;
 }
 
 CameraSystem::~CameraSystem() = default;
@@ -84,11 +82,10 @@ bool CameraSystem::SolveInPlace(Eigen::VectorXd* right) {
     return right->allFinite();
   }
   FillFactorInput();
-  if (!factor_->is_analyzed) factor_->analyzePattern(factor_->matrix);
+  if (!factor_->is_analyzed) factor_->cholesky.Analyze(factor_->matrix);
   factor_->is_analyzed = true;
-  factor_->factorize(factor_->matrix);
-  if (factor_->info() != Eigen::Success) return false;
-  *right = factor_->solve(*right).eval();
+  if (!factor_->cholesky.Factorize(factor_->matrix)) return false;
+  *right = factor_->cholesky.Solve(*right);
   return right->allFinite();
 }
 

@@ -44,7 +44,7 @@ class CameraSystem {
   bool SolveInPlace(Eigen::VectorXd* right);
 
  private:
-  class Factor;
+  struct Factor;
 
   int32_t NewBlock();
   void FillFactorInput();

@@ -1,16 +1,9 @@
 #include "server/alignment/block_system.h"
 
-#include <Eigen/CholmodSupport>
+#include <Eigen/SparseCore>
 #include <vector>
 
 namespace portolan {
-
-class BlockSystem::Factor
-    : public Eigen::CholmodDecomposition<Eigen::SparseMatrix<double>, Eigen::Lower> {};
-
-BlockSystem::BlockSystem() : factor_(std::make_unique<Factor>()) { factor_->cholmod().print = 0; }
-
-BlockSystem::~BlockSystem() = default;
 
 void BlockSystem::Reset(int blocks) {
   const Eigen::Index rows = 7 * static_cast<Eigen::Index>(blocks);
@@ -47,11 +40,10 @@ bool BlockSystem::Solve(double damping, Eigen::VectorXd* step) {
   }
   Eigen::SparseMatrix<double> system(gradient_.size(), gradient_.size());
   system.setFromTriplets(triplets.begin(), triplets.end());
-  if (!is_analyzed_) factor_->analyzePattern(system);
+  if (!is_analyzed_) cholesky_.Analyze(system);
   is_analyzed_ = true;
-  factor_->factorize(system);
-  if (factor_->info() != Eigen::Success) return false;
-  *step = factor_->solve(-gradient_);
+  if (!cholesky_.Factorize(system)) return false;
+  *step = cholesky_.Solve(-gradient_);
   return step->allFinite();
 }
 

@@ -3,19 +3,16 @@
 #define PORTOLAN_SERVER_ALIGNMENT_BLOCK_SYSTEM_H_
 
 #include <cstdint>
-#include <memory>
 #include <unordered_map>
 
 #include "common/geometry/similarity3.h"
+#include "common/linear_algebra/sparse_cholesky.h"
 
 namespace portolan {
 
 // information step = -gradient. Thread-compatible.
 class BlockSystem {
  public:
-  BlockSystem();
-  ~BlockSystem();
-
   // All zero. With as many blocks as before, those that were used stay in the pattern, which is
   // then analysed only once.
   void Reset(int blocks);
@@ -26,11 +23,9 @@ class BlockSystem {
   bool Solve(double damping, Eigen::VectorXd* step);
 
  private:
-  class Factor;
-
   std::unordered_map<uint64_t, Matrix7d> information_;
   Eigen::VectorXd gradient_;
-  std::unique_ptr<Factor> factor_;
+  SparseCholesky cholesky_;
   bool is_analyzed_ = false;
 };
 

@@ -18,7 +18,7 @@ Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(judge.Validate());
   PORTOLAN_RETURN_IF_ERROR(relations.Validate());
   if (full_component_submaps < 1 || region_submaps < 1 || loop_region_submaps < 2 ||
-      max_loop_region_submaps < loop_region_submaps || max_region_visits < 1 ||
+      max_loop_region_submaps < loop_region_submaps || solving_credit_submaps < 1 || max_region_visits < 1 ||
       !(relaxing_growth > 1) || bending_iterations < 1) {
     return absl::InvalidArgumentError("map aligner: sizes must be positive");
   }
@@ -83,6 +83,8 @@ void MapAligner::AddSubmap(std::shared_ptr<const RefinedSubmap> refined) {
 }
 
 void MapAligner::AddClosures(const std::vector<Closure>& closures) {
+  EarnSolvingCredit();
+  JudgeUnjudged([this] { return solving_credit_ > 0; });
   if (closures.empty()) return;
   for (const Closure& closure : closures) {
     if (model_.Contains(closure.a) && model_.Contains(closure.b)) pending_.push_back(closure);
@@ -230,7 +232,7 @@ void MapAligner::Accept(std::shared_ptr<const Closure> closure) {
 void MapAligner::ErasePending(const std::function<bool(const Closure&)>& predicate) {
   pending_.EraseIf([&](const Closure& closure) {
     const bool erased = predicate(closure);
-    if (erased) judged_.erase(&closure);
+    if (erased) seen_.erase(&closure);
     return erased;
   });
 }

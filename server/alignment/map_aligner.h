@@ -4,6 +4,8 @@
 #define PORTOLAN_SERVER_ALIGNMENT_MAP_ALIGNER_H_
 
 #include <atomic>
+#include <cstdint>
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
@@ -70,6 +72,10 @@ struct MapAlignerOptions {
   // four times as many while the strain reaches the rim, up to the second number.
   int loop_region_submaps = 60;
   int max_loop_region_submaps = 2000;
+  // Every new submap may cost as much as the solution of a region of so many; what it leaves is
+  // saved for others. A closure for whose region the savings do not suffice waits. In submaps, not
+  // in seconds, so that runs can be repeated.
+  int solving_credit_submaps = 500;
   // Closures that were not accepted are kept for this many later ones to agree with.
   int max_pending = 1000;
 
@@ -105,7 +111,7 @@ class MapAligner {
 
   bool HasBackgroundWork() const {
     return !stale_.empty() || !restless_.empty() || !strained_.empty() || !unpolished_.empty() ||
-           relaxing_ != nullptr;
+           !unjudged_.empty() || relaxing_ != nullptr;
   }
   // Full adjustment of the component that waits longest, those with new closures first, or, in a
   // large component, of the region that does; then takes back closures that did not survive it.
@@ -179,6 +185,13 @@ class MapAligner {
 
   // For large components (map_aligner_regions.cc).
   bool CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> candidates);
+  // May not solve: only if it agrees with the map as it is.
+  bool AcceptIfItAgrees(const std::shared_ptr<const Closure>& closure, bool may_solve);
+  void EarnSolvingCredit();
+  void JudgeUnjudged(const std::function<bool()>& may_go_on);
+  // What waits in the component, for it has changed: accepts what agrees, the others become
+  // unjudged.
+  void JudgeAgain(ComponentId component);
   // Squared Mahalanobis distance of a closure from the map: by its own covariance, or with that of
   // the chain between its ends too; no value if that chain is too long.
   double Disagreement(const Closure& closure) const;
@@ -215,8 +228,10 @@ class MapAligner {
   bool has_fixes_ = false;  // some submap has
   std::map<ComponentId, std::shared_ptr<const GeoreferenceReport>> georeferences_;
   ClosureList pending_;
-  // Waiting closures inside of large components that were judged already.
-  std::set<const Closure*> judged_;
+  // Waiting closures inside of large components that were judged or wait for that.
+  std::set<const Closure*> seen_;
+  std::deque<std::shared_ptr<const Closure>> unjudged_;
+  int64_t solving_credit_ = 0;  // in submaps of regions; below zero: spent in advance
   // Waiting closures of two components, one of them large, when they were last judged.
   std::map<std::pair<ComponentId, ComponentId>, size_t> judged_group_sizes_;
   // Waiting closures inside of a component when it was last reviewed.

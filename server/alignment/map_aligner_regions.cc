@@ -9,17 +9,11 @@
 namespace portolan {
 namespace {
 
-// Squared strain, in sigmas, of a relation at the rim of a region above which the region was too
-// small.
-constexpr double kMaxRimChi2 = 1.0;
 // Relative movement (of the submap's scale and of its distance in units of its own size) under
 // which a solved submap has not moved.
 constexpr double kMinMovement = 1e-4;
 // ... and above which its neighbours are adjusted again.
 constexpr double kRestlessMovement = 1e-3;
-
-// Relative decrease of a region's cost under which it has converged.
-constexpr double kMinRegionDecrease = 1e-2;
 
 // Of a submap to a new place, relative to its own size.
 double Movement(const ModelSubmap& submap, const Similarity3& world_from_submap) {
@@ -30,119 +24,7 @@ double Movement(const ModelSubmap& submap, const Similarity3& world_from_submap)
                    step.segment<3>(3).norm(), std::abs(step[6])});
 }
 
-double Chi2Of(const Relation& relation, const RelationGraph& graph) {
-  const Vector7d error = RelationError(relation.a_from_b, graph.world_from_node[relation.a],
-                                       graph.world_from_node[relation.b]);
-  return error.dot(relation.information * error);
-}
-
 }  // namespace
-
-double MapAligner::Disagreement(const Closure& closure) const {
-  const Vector7d error = RelationError(closure.a_from_b, model_.submap(closure.a).world_from_submap,
-                                       model_.submap(closure.b).world_from_submap);
-  return NormalisedSquare(error, relations_.FlooredCovariance(model_, closure));
-}
-
-std::optional<double> MapAligner::DisagreementAlongChain(const Closure& closure) const {
-  const auto chain = Relative(closure.a, closure.b);
-  if (!chain) return std::nullopt;
-  const Vector7d error = RelationError(closure.a_from_b, model_.submap(closure.a).world_from_submap,
-                                       model_.submap(closure.b).world_from_submap);
-  const Matrix7d covariance = chain->covariance + relations_.FlooredCovariance(model_, closure);
-  return NormalisedSquare(error, covariance);
-}
-
-// The strongest first: once it has put the submap right, the others mostly agree.
-bool MapAligner::CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> candidates) {
-  std::erase_if(candidates,
-                [this](const auto& closure) { return judged_.contains(closure.get()); });
-  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
-    return a->matches.size() > b->matches.size();
-  });
-  std::set<const Closure*> closed;
-  for (const auto& closure : candidates) {
-    bool agrees = Disagreement(*closure) <= options_.graph.max_chi2;
-    if (!agrees) {
-      const std::optional<double> along_chain = DisagreementAlongChain(*closure);
-      agrees = (!along_chain || *along_chain <= options_.graph.max_chi2) && SolveAround(*closure);
-    }
-    if (!agrees) {
-      judged_.insert(closure.get());
-      continue;
-    }
-    closed.insert(closure.get());
-    Accept(closure);
-  }
-  ErasePending([&](const Closure& closure) { return closed.contains(&closure); });
-  return !closed.empty();
-}
-
-bool MapAligner::SolveAround(const Closure& closure) {
-  size_t count = options_.loop_region_submaps;
-  while (true) {
-    const std::vector<SubmapId> region = RegionAround({closure.a, closure.b}, count);
-    const RegionOutcome outcome = SolveRegion(closure, region);
-    if (outcome != RegionOutcome::kTooSmall) return outcome == RegionOutcome::kSolved;
-    count = std::min<size_t>(4 * count, options_.max_loop_region_submaps);
-  }
-}
-
-// Every relation is measured as the map has it, so that what the adjustments gained stays; the
-// closure is the only one that pulls, and the cost of the solution is how far it contradicts.
-MapAligner::RegionOutcome MapAligner::SolveRegion(const Closure& closure,
-                                                  const std::vector<SubmapId>& region) {
-  std::map<SubmapId, int> nodes;
-  for (const SubmapId id : region) nodes.emplace(id, static_cast<int>(nodes.size()));
-  RelationGraph graph;
-  graph.fixed.assign(region.size(), false);
-  bool has_rim = false;
-  const auto add = [&](SubmapId a, SubmapId b, const Matrix7d& information) {
-    const Similarity3 a_from_b =
-        model_.submap(a).world_from_submap.Inverse() * model_.submap(b).world_from_submap;
-    graph.relations.push_back({nodes.at(a), nodes.at(b), a_from_b, information, false});
-  };
-  for (const SubmapId id : region) {
-    const ModelSubmap& submap = model_.submap(id);
-    graph.world_from_node.push_back(submap.world_from_submap);
-    if (submap.link && nodes.contains(submap.link->a)) {
-      add(submap.link->a, id, submap.link->information);
-    }
-    for (const size_t i : relations_.ClosuresOf(id)) {
-      const Closure& other = closures()[i];
-      if (other.b == id && nodes.contains(other.a)) {
-        add(other.a, id, InverseOfPositiveDefinite(relations_.CovarianceOf(i)));
-      }
-    }
-    for (const SubmapId neighbour : relations_.NeighbourNames(model_, id)) {
-      if (nodes.contains(neighbour)) continue;
-      graph.fixed[nodes.at(id)] = true;
-      has_rim = true;
-    }
-  }
-  if (!has_rim) graph.fixed[nodes.at(*std::min_element(region.begin(), region.end()))] = true;
-  const bool is_largest =
-      !has_rim || region.size() >= static_cast<size_t>(options_.max_loop_region_submaps);
-  graph.relations.push_back(
-      {nodes.at(closure.a), nodes.at(closure.b), closure.a_from_b,
-       InverseOfPositiveDefinite(relations_.FlooredCovariance(model_, closure)), false});
-  // The adjustments that follow do the rest.
-  RelationGraphOptions coarse = options_.graph;
-  coarse.min_decrease = kMinRegionDecrease;
-  SolveRelationGraph(coarse, &graph);
-  double cost = 0;
-  double rim = 0;
-  for (const Relation& relation : graph.relations) {
-    const double chi2 = Chi2Of(relation, graph);
-    cost += chi2;
-    if (has_rim && (graph.fixed[relation.a] || graph.fixed[relation.b])) rim = std::max(rim, chi2);
-  }
-  const bool contradicts = !(cost <= options_.graph.max_chi2);
-  if (!is_largest && (contradicts || rim > kMaxRimChi2)) return RegionOutcome::kTooSmall;
-  if (contradicts) return RegionOutcome::kContradicts;
-  MoveRegion(region, graph.world_from_node);
-  return RegionOutcome::kSolved;
-}
 
 void MapAligner::MoveRegion(const std::vector<SubmapId>& region,
                             const std::vector<Similarity3>& world_from_submap) {
@@ -186,6 +68,13 @@ std::vector<SubmapId> MapAligner::RegionAround(const std::vector<SubmapId>& seed
 void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   if (relaxing_ != nullptr) {
     Relax(relaxing_->component, interrupt);
+    return;
+  }
+  if (!unjudged_.empty()) {
+    // New submaps do not pay for this.
+    const int64_t credit = solving_credit_;
+    JudgeUnjudged([&interrupt] { return !interrupt; });
+    solving_credit_ = credit;
     return;
   }
   if (restless_.empty()) {
@@ -315,6 +204,7 @@ void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt
   const std::unique_ptr<Relaxing> done = std::exchange(relaxing_, nullptr);
   component = done->component;
   const std::map<SubmapId, Similarity3>& before = done->before;
+  if (summary.iterations > 0) JudgeAgain(component);
   ReportErrors(component);
   strained_.erase(component);
   for (const auto& [id, pose] : before) visits_.erase(id);

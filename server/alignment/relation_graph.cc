@@ -23,6 +23,7 @@ Matrix7d SmallAdjoint(const Vector7d& x) {
 Matrix7d RightJacobianInverse(const Vector7d& x) {
   const Matrix7d ad = SmallAdjoint(x);
   const Matrix7d ad2 = ad * ad;
+  if (x.squaredNorm() < 1e-4) return Matrix7d::Identity() + 0.5 * ad + ad2 / 12.0;
   const Matrix7d ad4 = ad2 * ad2;
   return Matrix7d::Identity() + 0.5 * ad + ad2 / 12.0 - ad4 / 720.0 + ad4 * ad2 / 30240.0 -
          ad4 * ad4 / 1209600.0;
@@ -112,12 +113,15 @@ class Solver {
       bool improved = false;
       for (int attempt = 0; attempt < 8 && !improved; ++attempt) {
         const std::vector<Similarity3> before = graph_.world_from_node;
-        const bool stepped = Step(lambda);
+        double predicted = cost;
+        const bool stepped = Step(lambda, &predicted);
         const double next = stepped ? Cost() : cost;
         improved = stepped && next <= cost;
         if (improved) {
           lambda = std::max(lambda * 0.1, 1e-12);
-          const bool converged = cost - next <= options_.min_decrease * cost + 1e-12;
+          // A step to the minimum of a model that was right leads to the minimum.
+          const double left = std::min(cost - next, std::abs(next - predicted));
+          const bool converged = left <= options_.min_decrease * next + 1e-12;
           cost = next;
           if (converged) return;
         } else {
@@ -154,9 +158,11 @@ class Solver {
     system_.gradient().segment<7>(7 * block) += gradient;
   }
 
-  bool Step(double lambda) {
+  // *predicted is the cost before the step, and becomes that of the linear model after it.
+  bool Step(double lambda, double* predicted) {
     Eigen::VectorXd step;
     if (!system_.Solve(lambda, &step)) return false;
+    *predicted += system_.gradient().dot(step);
     for (size_t i = 0; i < block_of_.size(); ++i) {
       if (block_of_[i] < 0) continue;
       Similarity3& node = graph_.world_from_node[i];

@@ -9,7 +9,7 @@
 
 namespace portolan {
 
-// Thread-compatible: the map thread alone calls it, except for Prepare. The meaning of each call is
+// Thread-compatible: the map thread alone calls it, except for Prepare and Refine. The meaning of each call is
 // MapBuilder's.
 class MapEngine {
  public:
@@ -17,6 +17,8 @@ class MapEngine {
 
   virtual void Restore(std::shared_ptr<const MapSnapshot> snapshot) = 0;
   virtual void SetSurvey(std::shared_ptr<const Survey>) {}
+  // For submaps whose turn to be prepared has not come, on any thread. Null: Prepare does it.
+  virtual std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput&) { return nullptr; }
   // Called for each submap in turn, on another thread. Null: IntegrateSubmap does it.
   virtual std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput&) { return nullptr; }
   virtual void IntegrateSubmap(const SubmapInput& input) = 0;

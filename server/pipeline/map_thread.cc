@@ -7,6 +7,14 @@
 
 namespace portolan {
 
+namespace {
+
+// Submaps that are prepared before their integration; memory allows no more, for a prepared one is
+// twice as large.
+constexpr size_t kPreparedAhead = 8;
+
+}  // namespace
+
 Status MapThreadOptions::Validate() const {
   if (max_queue < 1) return absl::InvalidArgumentError("max_queue must be positive");
   if (save_interval < Duration::zero()) {
@@ -48,6 +56,7 @@ void MapThread::Push(std::vector<SubmapInput> submaps) {
     queue_.push_back(std::make_shared<Entry>(Entry{std::move(submap)}));
     ++pushed_count_;
     has_entry_.notify_one();
+    if (queue_.size() > kPreparedAhead) wake_.notify_one();
   }
 }
 
@@ -96,7 +105,7 @@ void MapThread::Run() {
     }
     const auto wait = [&](bool is_settled) {
       wake_.wait(lock, [&] {
-        return stop_ || HasPrepared() ||
+        return stop_ || HasPrepared() || NextToRefine() != nullptr ||
                (is_settled ? survey_ != nullptr || !waiters_.empty() : queue_.empty());
       });
     };
@@ -111,6 +120,20 @@ void MapThread::Run() {
       engine_->SetSurvey(survey);
       lock.lock();
       ++integrated_count_;
+      continue;
+    }
+    if (const std::shared_ptr<Entry> entry = NextToRefine(); entry != nullptr) {
+      entry->is_taken = true;
+      const SubmapInput input = entry->input;
+      lock.unlock();
+      std::shared_ptr<const RefinedSubmap> refined = engine_->Refine(input);
+      lock.lock();
+      entry->input.refined = std::move(refined);
+      continue;
+    }
+    // Background work would take the preparing thread's core.
+    if (IsBehind()) {
+      wait(false);
       continue;
     }
     interrupt_ = false;
@@ -138,10 +161,21 @@ void MapThread::Run() {
 }
 
 std::shared_ptr<MapThread::Entry> MapThread::NextToPrepare() const {
-  // No farther ahead than memory allows: a prepared submap is twice as large.
-  const size_t end = std::min<size_t>(queue_.size(), 8);
+  const size_t end = std::min(queue_.size(), kPreparedAhead);
   for (size_t i = 0; i < end; ++i) {
     if (!queue_[i]->is_prepared) return queue_[i];
+  }
+  return nullptr;
+}
+
+bool MapThread::IsBehind() const {
+  return !options_.lockstep && queue_.size() > kPreparedAhead;
+}
+
+std::shared_ptr<MapThread::Entry> MapThread::NextToRefine() const {
+  if (!IsBehind()) return nullptr;
+  for (size_t i = kPreparedAhead - 1; i > 0; --i) {
+    if (!queue_[i]->is_taken && queue_[i]->input.refined == nullptr) return queue_[i];
   }
   return nullptr;
 }
@@ -168,15 +202,17 @@ void MapThread::RunPreparations() {
       AwaitWork(&lock);
       continue;
     }
+    entry->is_taken = true;
+    const SubmapInput input = entry->input;
     lock.unlock();
-    std::shared_ptr<const PreparedSubmap> prepared = engine_->Prepare(entry->input);
+    std::shared_ptr<const PreparedSubmap> prepared = engine_->Prepare(input);
     lock.lock();
     entry->input.prepared = std::move(prepared);
     entry->is_prepared = true;
     entry->prepared_at = std::chrono::steady_clock::now();
     const bool is_late =
         entry->prepared_at >= queue_.front()->prepared_at + options_.background_patience;
-    if (HasPrepared() && is_late && !options_.lockstep) interrupt_ = true;
+    if (HasPrepared() && (is_late || IsBehind()) && !options_.lockstep) interrupt_ = true;
     wake_.notify_one();
   }
 }

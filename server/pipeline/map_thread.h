@@ -80,6 +80,7 @@ class MapThread {
   // A submap in the queue.
   struct Entry {
     SubmapInput input;
+    bool is_taken = false;  // by the preparing thread or, to be refined, by the map thread
     bool is_prepared = false;
     std::chrono::steady_clock::time_point prepared_at = {};
   };
@@ -88,6 +89,10 @@ class MapThread {
   // Prepares what waits in the queue, in its order.
   void RunPreparations();
   std::shared_ptr<Entry> NextToPrepare() const;
+  // More submaps wait than are prepared ahead.
+  bool IsBehind() const;
+  // If the preparing thread is behind: the last of the next submaps that nobody has begun with.
+  std::shared_ptr<Entry> NextToRefine() const;
   // Interrupts background work for which the oldest submap has waited long enough; otherwise waits
   // for that time, or for something to prepare.
   void AwaitWork(std::unique_lock<std::mutex>* lock);

@@ -1,11 +1,11 @@
 #include "server/pose_graph/normal_equations.h"
 
-#include <Eigen/CholmodSupport>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <vector>
 
 #include "common/linear_algebra/dense.h"
+#include "common/linear_algebra/sparse_cholesky.h"
 
 namespace portolan {
 
@@ -20,14 +20,7 @@ class NormalEquations::Impl {
     }
     for (int i = 0; i < blocks * size_; ++i) diagonal_.push_back(matrix_.outerIndexPtr()[i]);
     gradient_.setZero(blocks * size_);
-    // Nested dissection suits graphs that fill a volume, minimum degree the others; the better
-    // one is taken. Supernodes in both cases.
-    solver_.cholmod().nmethods = 2;
-    solver_.cholmod().method[0].ordering = CHOLMOD_AMD;
-    solver_.cholmod().method[1].ordering = CHOLMOD_METIS;
-    solver_.cholmod().print = 0;
-    solver_.cholmod().postorder = 1;
-    solver_.analyzePattern(matrix_);
+    solver_.Analyze(matrix_);
   }
 
   void SetZero() {
@@ -62,10 +55,10 @@ class NormalEquations::Impl {
       before.push_back(matrix_.valuePtr()[place]);
       matrix_.valuePtr()[place] *= 1 + damping;
     }
-    solver_.factorize(matrix_);
+    const bool is_factored = solver_.Factorize(matrix_);
     for (size_t i = 0; i < diagonal_.size(); ++i) matrix_.valuePtr()[diagonal_[i]] = before[i];
-    if (solver_.info() != Eigen::Success) return std::nullopt;
-    *step = solver_.solve(-gradient_);
+    if (!is_factored) return std::nullopt;
+    *step = solver_.Solve(-gradient_);
     if (!step->allFinite()) return std::nullopt;
     const Eigen::Map<const Eigen::VectorXd> diagonal(before.data(), step->size());
     return -gradient_.dot(*step) + damping * step->dot(diagonal.cwiseProduct(*step));
@@ -117,7 +110,8 @@ class NormalEquations::Impl {
   std::vector<int> diagonal_;
   Eigen::SparseMatrix<double> matrix_;  // lower half
   Eigen::VectorXd gradient_;
-  Eigen::CholmodDecomposition<Eigen::SparseMatrix<double>, Eigen::Lower> solver_;
+  // Nested dissection suits graphs that fill a volume, minimum degree the others.
+  SparseCholesky solver_{SparseCholesky::Ordering::kThorough};
 };
 
 NormalEquations::NormalEquations(int blocks, int block_size,

@@ -239,6 +239,41 @@ TEST_F(MapAlignerTest, SubmapThatCameDuringARelaxationKeepsItsShape) {
             after.front().translation);
 }
 
+// What new submaps may spend on solving is bounded; closures beyond that wait for the background.
+TEST_F(MapAlignerTest, ClosuresBeyondTheCreditWaitForTheBackground) {
+  SyntheticSubmapsOptions world;
+  world.agents = {{0, 3, 10, 1.5}};
+  Make(world);
+  MapAlignerOptions options;
+  options.full_component_submaps = 3;
+  options.relations = {0.002, 0.002, 0.002, 3000};
+  // Each contradicts the map by more than its own uncertainty, but not by more than the chain's.
+  Vector7d error = Vector7d::Zero();
+  error[6] = 0.03;
+  Closure first = MakeClosure(1, 5, error);
+  error[6] = 0.005;
+  Closure second = MakeClosure(5, 10, error);
+  first.information = second.information = 1e6 * Matrix7d::Identity();
+  const auto feed = [&](int credit) {
+    options.solving_credit_submaps = credit;
+    aligner_ = MapAligner(options);
+    AddAll();
+    aligner_.AddClosures({first, second});
+    return aligner_.closures().size();
+  };
+  EXPECT_EQ(feed(1000), 2u);
+  EXPECT_EQ(feed(1), 1u);
+  ASSERT_EQ(aligner_.waiting_closures().size(), 1u);
+  const std::atomic<bool> at_once = true;
+  // The next submap has nothing to spend, either; the background needs no credit.
+  aligner_.AddClosures({});
+  EXPECT_EQ(aligner_.waiting_closures().size(), 1u);
+  aligner_.AdjustStaleComponent(at_once);
+  EXPECT_EQ(aligner_.waiting_closures().size(), 1u);
+  Polish();
+  EXPECT_EQ(aligner_.waiting_closures().size(), 0u);
+}
+
 TEST_F(MapAlignerTest, TouchedSubmapsAreReportedOnce) {
   Make(TwoAgents());
   aligner_.AddSubmap(refined_[0]);

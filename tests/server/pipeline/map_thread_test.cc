@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <condition_variable>
 #include <future>
+#include <mutex>
 #include <thread>
 
 #include "tests/server/support/fake_map_engine.h"
@@ -15,6 +17,7 @@ namespace {
 
 using ::testing::Contains;
 using ::testing::ElementsAre;
+using ::testing::IsSupersetOf;
 using testing::EngineProbe;
 using testing::FakeMapEngine;
 using testing::FakeMapEngineOptions;
@@ -219,6 +222,54 @@ TEST_F(MapThreadTest, FailedSaveIsReportedAndTheMapGoesOn) {
   EXPECT_FALSE(thread_->save_status().ok());
   thread_->Push({MakeInput(1)});
   EXPECT_EQ(Settle(), 2u);
+}
+
+// Prepares nothing before seven submaps are refined.
+class RefiningEngine : public FakeMapEngine {
+ public:
+  explicit RefiningEngine(std::shared_ptr<EngineProbe> probe) : FakeMapEngine({}, probe) {}
+
+  std::shared_ptr<const RefinedSubmap> Refine(const SubmapInput& input) override {
+    auto refined = std::make_shared<RefinedSubmap>();
+    refined->id = input.id;
+    const std::lock_guard lock(mutex_);
+    ++refined_;
+    changed_.notify_all();
+    return refined;
+  }
+  std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput& input) override {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return refined_ >= 7; });
+    if (input.refined != nullptr) prepared_from_refined_.push_back(input.refined->id);
+    return nullptr;
+  }
+  std::vector<SubmapId> prepared_from_refined() const {
+    const std::lock_guard lock(mutex_);
+    return prepared_from_refined_;
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  int refined_ = 0;
+  std::vector<SubmapId> prepared_from_refined_;
+};
+
+TEST_F(MapThreadTest, RefinesAheadWhenPreparationIsBehind) {
+  auto engine = std::make_unique<RefiningEngine>(probe_);
+  const RefiningEngine& refining = *engine;
+  thread_ = std::make_unique<MapThread>(MapThreadOptions(), std::move(engine), &store_, &hub_);
+  thread_->Start({});
+  std::vector<SubmapInput> submaps;
+  for (uint32_t i = 0; i < 12; ++i) submaps.push_back(MakeInput(i));
+  thread_->Push(std::move(submaps));
+  Settle();
+  EXPECT_THAT(refining.prepared_from_refined(), IsSupersetOf({SubmapId(3), SubmapId(4)}));
+  EXPECT_THAT(probe_->events(), SizeIs(12));
+  EXPECT_THAT(hub_.Get()->submaps, SizeIs(12));
+  for (size_t i = 0; i < 12; ++i) {
+    EXPECT_EQ(probe_->events()[i], "integrate a/" + std::to_string(i));
+  }
 }
 
 TEST(SnapshotHubTest, TellsSubscribersUntilTheyLeave) {
