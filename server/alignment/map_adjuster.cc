@@ -11,6 +11,8 @@ namespace {
 
 // Any value serves: nothing else knows the scale then.
 constexpr double kScaleGaugeSigma = 1e-3;
+// Cameras nearer to the oldest one than this share of the farthest one's distance tell no unit.
+constexpr double kMinLeverOfFarthest = 0.1;
 
 class WindowAdjustment {
  public:
@@ -42,7 +44,9 @@ class WindowAdjustment {
       if (!summary.usable) break;
       result_.summary = summary;
     }
-    if (result_.summary.usable) WriteBack();
+    if (!result_.summary.usable) return result_;
+    KeepUnit();
+    WriteBack();
     return result_;
   }
 
@@ -137,6 +141,39 @@ class WindowAdjustment {
       scale.distance = distance;
     }
     if (scale.distance > 0) problem_.distances.push_back(scale);
+    origin_ = first;
+  }
+
+  // The farthest camera has held the unit, and may itself have been placed wrongly: new submaps are
+  // often the farthest. Most cameras shall stay as far from the oldest one as they were, or poses
+  // that agents were told before would be in another unit than those after.
+  void KeepUnit() {
+    if (!origin_) return;
+    const Eigen::Vector3d origin = problem_.cameras[*origin_].world_from_camera.translation;
+    std::vector<std::pair<double, double>> distances;  // before, after
+    double farthest = 0;
+    for (size_t i = 0; i < camera_names_.size(); ++i) {
+      const auto& [id, keyframe] = camera_names_[i];
+      const Rigid3& before = model_.submap(id).world_from_camera[keyframe];
+      distances.emplace_back((before.translation - origin).norm(),
+                             (problem_.cameras[i].world_from_camera.translation - origin).norm());
+      farthest = std::max(farthest, distances.back().first);
+    }
+    std::vector<double> ratios;
+    for (const auto& [before, after] : distances) {
+      if (before > kMinLeverOfFarthest * farthest && after > 0) ratios.push_back(before / after);
+    }
+    if (ratios.empty()) return;
+    const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+    std::nth_element(ratios.begin(), middle, ratios.end());
+    const double scale = *middle;
+    for (BundleCamera& camera : problem_.cameras) {
+      Eigen::Vector3d& centre = camera.world_from_camera.translation;
+      centre = origin + scale * (centre - origin);
+    }
+    for (BundlePoint& point : problem_.points) {
+      point.point_in_world = origin + scale * (point.point_in_world - origin);
+    }
   }
 
   // A held keyframe, but for the one that holds the world, was placed by the lens as it is.
@@ -362,6 +399,8 @@ class WindowAdjustment {
   // Parallel to the lenses: a submap of the session.
   std::vector<SubmapId> lens_names_;
   std::unordered_map<uint64_t, int> cameras_;
+  // The camera that holds the world, if nothing holds the unit.
+  std::optional<int> origin_;
   MapAdjustment result_;
 };
 

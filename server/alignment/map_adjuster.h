@@ -51,7 +51,7 @@ struct MapAdjustment {
 
 // Adjusts the cameras of `window` (submaps of one component) and every landmark they see; cameras
 // of other submaps that see these landmarks are held. If nothing is held, the component's oldest
-// camera is, and unless a metric submap tells the scale, its distance to the farthest camera.
+// camera is, and unless a metric submap tells the scale, most cameras' distance from it.
 // `passes` counts solves; between two, landmarks without inliers are triangulated again. Afterwards
 // world_from_submap follows the cameras. Deterministic with one thread.
 // `positions` (null for none; the window is a component whose world is the site frame): fixes pull
