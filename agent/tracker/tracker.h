@@ -54,7 +54,7 @@ struct SearchRegion {
 
 struct TrackerOptions {
   // Live tracks at most; the filter uses a part, the uplink the longest, the live poses all.
-  int max_points = 400;
+  int max_points = 300;
   // Fewer where they would be nearer to each other than this in the mean: in a small image more
   // tracks are worse ones.
   double min_spacing_px = 19.0;
