@@ -60,6 +60,8 @@ void ProgramOptions::AddTo(OptionTable* table) {
   table->Add("offered_bytes_per_second", &server.offers.bytes_per_second, "bytes/s",
              "Long-term limit of the landmarks of others that one agent is offered; 0 for none.");
   RedundancyOptions& redundancy = map_builder.redundancy;
+  table->Add("redundancy.whole_submaps", &redundancy.whole_submaps, "submaps",
+             "The first so many submaps of a map keep all of theirs.");
   table->Add("redundancy.keyframe_information", &redundancy.min_keyframe_information, "",
              "Keyframes go from the joint map while every pose of their submap keeps this share of "
              "its information; 1 keeps all. Their poses follow their neighbours'.");

@@ -5,6 +5,8 @@
 #include <unordered_map>
 #include <vector>
 
+#include "agent/submap/track_selection.h"
+
 namespace portolan {
 namespace {
 
@@ -62,6 +64,12 @@ void RemoveFeatures(const std::vector<RankedFeature>& ranked, size_t count, Subm
   }
 }
 
+size_t CountFeatures(const Submap& submap) {
+  size_t count = 0;
+  for (const Keyframe& keyframe : submap.keyframes) count += keyframe.features.size();
+  return count;
+}
+
 }  // namespace
 
 Status SubmapBudgetOptions::Validate() const {
@@ -70,6 +78,9 @@ Status SubmapBudgetOptions::Validate() const {
   }
   if (!(burst_bytes >= 0)) {
     return absl::InvalidArgumentError("budget.burst_bytes must not be negative");
+  }
+  if (min_observations < 0) {
+    return absl::InvalidArgumentError("budget.min_observations is negative");
   }
   if (min_features < 0) return absl::InvalidArgumentError("budget.min_features is negative");
   return absl::OkStatus();
@@ -94,18 +105,29 @@ int SubmapBudget::Fit(Submap* submap) {
   last_time_ = submap->keyframes.back().time;
   bytes_ = std::min(bytes_ + options_.bytes_per_second * ToSeconds(*last_time_ - begin),
                     options_.burst_bytes);
+  const size_t features_before = CountFeatures(*submap);
+  LeaveOutTracks(EstimateSubmapBytes(*submap) - bytes_, submap);
   const double excess = EstimateSubmapBytes(*submap) - bytes_;
-  size_t count = 0;
   if (excess > 0) {
     const std::vector<RankedFeature> ranked = RankFeatures(*submap);
     const auto spare = std::max<std::ptrdiff_t>(
         0, static_cast<std::ptrdiff_t>(ranked.size()) - options_.min_features);
-    count = std::min(static_cast<size_t>(std::ceil(excess / kBytesPerFeature)),
-                     static_cast<size_t>(spare));
+    const auto count = std::min(static_cast<size_t>(std::ceil(excess / kBytesPerFeature)),
+                                static_cast<size_t>(spare));
     RemoveFeatures(ranked, count, submap);
   }
   bytes_ -= EstimateSubmapBytes(*submap);
-  return static_cast<int>(count);
+  return static_cast<int>(features_before - CountFeatures(*submap));
+}
+
+void SubmapBudget::LeaveOutTracks(double excess_bytes, Submap* submap) const {
+  if (excess_bytes <= 0) return;
+  size_t observations = 0;
+  for (const Keyframe& keyframe : submap->keyframes) observations += keyframe.observations.size();
+  const auto keyframes = static_cast<double>(submap->keyframes.size());
+  const double fit =
+      (static_cast<double>(observations) - excess_bytes / kBytesPerObservation) / keyframes;
+  KeepLongestTracks(std::max(options_.min_observations, static_cast<int>(fit)), {}, submap);
 }
 
 }  // namespace portolan

@@ -1,4 +1,5 @@
-// Keeps the uplink within a stated rate by leaving out the least valuable described points.
+// Keeps the uplink within a stated rate by leaving out the shortest tracks and the least valuable
+// described points.
 #ifndef PORTOLAN_AGENT_SUBMAP_SUBMAP_BUDGET_H_
 #define PORTOLAN_AGENT_SUBMAP_SUBMAP_BUDGET_H_
 
@@ -16,6 +17,8 @@ struct SubmapBudgetOptions {
   double bytes_per_second = 18'000;
   // What may be sent beyond that after a quiet time, bytes: two submaps.
   double burst_bytes = 50'000;
+  // Observations of a keyframe that are not left out.
+  int min_observations = 200;
   // Described points that every submap keeps, however scarce the bytes: places must be recognised.
   int min_features = 200;
 
@@ -31,11 +34,15 @@ class SubmapBudget {
   explicit SubmapBudget(const SubmapBudgetOptions& options)
       : options_(options), bytes_(options.burst_bytes) {}
 
-  // Leaves out described points until the submap fits what is left: first corners on no track, the
-  // weakest first, then points of the tracks with the fewest sights. Returns how many.
+  // Leaves out the shortest tracks, down to min_observations a keyframe, then described points
+  // until the submap fits what is left: first corners on no track, the weakest first, then points
+  // of the tracks with the fewest sights. Returns how many described points, those of the tracks
+  // included.
   int Fit(Submap* submap);
 
  private:
+  void LeaveOutTracks(double excess_bytes, Submap* submap) const;
+
   const SubmapBudgetOptions options_;
   double bytes_;
   std::optional<Timestamp> last_time_;

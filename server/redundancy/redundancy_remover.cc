@@ -267,8 +267,8 @@ Status RedundancyOptions::Validate() const {
   if (!is_share(min_keyframe_information) || !is_share(min_landmark_information)) {
     return absl::InvalidArgumentError("redundancy: the information kept is in (0, 1]");
   }
-  if (max_keyframe_gap < 1 || min_tracks_of_keyframe < 3 || grid_columns < 1 || grid_rows < 1 ||
-      grid_columns > 100 || grid_rows > 100 || min_tracks_of_cell < 0 ||
+  if (whole_submaps < 0 || max_keyframe_gap < 1 || min_tracks_of_keyframe < 3 || grid_columns < 1 ||
+      grid_rows < 1 || grid_columns > 100 || grid_rows > 100 || min_tracks_of_cell < 0 ||
       !(min_agreeing_share >= 0 && min_agreeing_share <= 1) || !(sharing_weight >= 1) ||
       !(agreeing_chi2 > 0)) {
     return absl::InvalidArgumentError("redundancy: limits out of range");
@@ -288,7 +288,8 @@ SubmapChoice RedundancyRemover::Choose(const RefinedSubmap& submap) const {
 std::shared_ptr<const RefinedSubmap> RedundancyRemover::Remove(
     std::shared_ptr<const RefinedSubmap> submap) const {
   const bool keeps_all =
-      options_.min_keyframe_information >= 1 && options_.min_landmark_information >= 1;
+      submap->id.value() <= options_.whole_submaps ||
+      (options_.min_keyframe_information >= 1 && options_.min_landmark_information >= 1);
   if (keeps_all || submap->landmarks.empty() || submap->raw->keyframes.size() < 2) return submap;
   const SubmapChoice choice = Choose(*submap);
   auto reduced = std::make_shared<RefinedSubmap>(*submap);

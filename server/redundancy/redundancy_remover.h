@@ -11,6 +11,9 @@
 namespace portolan {
 
 struct RedundancyOptions {
+  // The first so many submaps of a map (by their ids) stay whole: as long as a map is small its
+  // adjustments are quick, and agents' live poses hold on to all of its keyframes.
+  int whole_submaps = 80;
   // Share of the information on the poses (SubmapInformation::Share) under which no more keyframes
   // or landmarks go; with 1, none goes. README.md has the figures.
   double min_keyframe_information = 0.5;

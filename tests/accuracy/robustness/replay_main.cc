@@ -159,8 +159,10 @@ int Main(int argc, char** argv) {
       arguments.first_run = std::max(0, std::atoi(argv[++i]));
     } else if (word == "--keyframe-information" && i + 1 < argc) {
       arguments.redundancy.min_keyframe_information = std::atof(argv[++i]);
+      arguments.redundancy.whole_submaps = 0;
     } else if (word == "--landmark-information" && i + 1 < argc) {
       arguments.redundancy.min_landmark_information = std::atof(argv[++i]);
+      arguments.redundancy.whole_submaps = 0;
     } else if (word == "--no-background") {
       arguments.background = false;
     } else if (word == "--verbose") {

@@ -76,6 +76,33 @@ TEST(SubmapBudget, CornersGoFirstThenShortTracks) {
   EXPECT_GT(least_worth(), 1);
 }
 
+TEST(SubmapBudget, ShortTracksGoBeforeDescribedPoints) {
+  Submap submap;
+  submap.keyframes.resize(10);
+  for (uint32_t track = 0; track < 300; ++track) {
+    // Every third one is seen by all keyframes, the others by three.
+    const size_t first = track % 3 == 0 ? 0 : track % 8;
+    for (size_t k = first; k < (track % 3 == 0 ? 10 : first + 3); ++k) {
+      submap.keyframes[k].observations.push_back({TrackId(track), {1, 2}, 0.5f});
+    }
+  }
+  submap.keyframes[2].features.resize(300);
+  const size_t short_track = submap.keyframes[5].observations.size();
+  ASSERT_GT(short_track, 150u);
+  SubmapBudget budget({.bytes_per_second = 1,
+                       .burst_bytes = EstimateSubmapBytes(submap) - 1000,
+                       .min_observations = 120});
+  EXPECT_EQ(budget.Fit(&submap), 0);
+  for (const Keyframe& keyframe : submap.keyframes) {
+    int long_tracks = 0;
+    for (const Observation& observation : keyframe.observations) {
+      long_tracks += observation.track.value() % 3 == 0 ? 1 : 0;
+    }
+    EXPECT_EQ(long_tracks, 100);
+  }
+  EXPECT_LT(submap.keyframes[5].observations.size(), short_track);
+}
+
 TEST(SubmapBudget, ZeroIsNoLimit) {
   SubmapBudget budget({.bytes_per_second = 0, .burst_bytes = 0});
   Submap submap = NextSubmap(0);

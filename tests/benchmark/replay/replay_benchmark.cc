@@ -5,8 +5,8 @@
 //                    [--background_ms 0]   background work after each submap, interrupted then
 //                    [--polish]            background work to its end, at the end
 //                    [--rebuild]           the same from the raw submaps once more
-//                    [--keyframe_information S] [--landmark_information S]   see server/redundancy;
-//                                          1 keeps everything
+//                    [--keyframe_information S] [--landmark_information S] [--whole_submaps N]
+//                                          see server/redundancy; 1 keeps everything
 #include <time.h>
 
 #include <algorithm>
@@ -102,6 +102,7 @@ class Replay {
     MapBuilderOptions options;
     options.redundancy.min_keyframe_information = flags.at("keyframe_information");
     options.redundancy.min_landmark_information = flags.at("landmark_information");
+    options.redundancy.whole_submaps = static_cast<int>(flags.at("whole_submaps"));
     return options;
   }
 
@@ -197,6 +198,7 @@ int main(int argc, char** argv) {
   const portolan::RedundancyOptions redundancy;
   flags["keyframe_information"] = redundancy.min_keyframe_information;
   flags["landmark_information"] = redundancy.min_landmark_information;
+  flags["whole_submaps"] = redundancy.whole_submaps;
   bool polish = false;
   bool rebuild = false;
   for (int i = 1; i < argc; ++i) {

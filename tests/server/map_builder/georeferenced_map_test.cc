@@ -194,6 +194,7 @@ TEST(GeoreferencedMap, RedundantKeyframesSeeControlPointsToo) {
   TownMission mission(20);
   const Survey survey = mission.MakeSurvey(4);
   RedundancyOptions redundancy;
+  redundancy.whole_submaps = 0;
   redundancy.min_tracks_of_keyframe = 10;
   const auto snapshot = mission.Build(survey, 80, redundancy)->snapshot();
   std::set<Timestamp> redundant;

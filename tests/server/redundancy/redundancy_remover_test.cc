@@ -19,7 +19,8 @@ namespace {
 
 constexpr double kAgreeingChi2 = 16;
 
-RedundancyRemover MakeRemover(const RedundancyOptions& options = {}) {
+RedundancyRemover MakeRemover(RedundancyOptions options = {}) {
+  options.whole_submaps = 0;
   return std::move(RedundancyRemover::Create(options)).value();
 }
 
@@ -281,6 +282,19 @@ TEST(RedundancyRemover, DoubtfulSubmapStaysWhole) {
   EXPECT_FALSE(MakeRemover(careless).Remove(submap)->redundant_keyframes.empty());
 }
 
+TEST(RedundancyRemover, TheFirstSubmapsOfAMapStayWhole) {
+  HandMade scene;
+  scene.AddMany(150, 3.0);
+  RefinedSubmap refined = scene.Finish();
+  const RedundancyRemover remover = RedundancyRemover::Create({.whole_submaps = 7}).value();
+  refined.id = SubmapId(7);
+  const auto seventh = std::make_shared<const RefinedSubmap>(refined);
+  EXPECT_EQ(remover.Remove(seventh), seventh);
+  refined.id = SubmapId(8);
+  const auto eighth = std::make_shared<const RefinedSubmap>(refined);
+  EXPECT_FALSE(remover.Remove(eighth)->redundant_keyframes.empty());
+}
+
 TEST(RedundancyRemover, OffReturnsTheSubmapItself) {
   RedundancyOptions off;
   off.min_keyframe_information = off.min_landmark_information = 1;
@@ -354,7 +368,9 @@ TEST(RedundancyInTheMap, AllKeyframesLieWhereTheFullAdjustmentHasThem) {
   MapBuilderOptions off;
   off.redundancy.min_keyframe_information = off.redundancy.min_landmark_information = 1;
   const auto full = std::move(MapBuilder::Create(off)).value();
-  const auto builder = std::move(MapBuilder::Create({})).value();
+  MapBuilderOptions on;
+  on.redundancy.whole_submaps = 0;
+  const auto builder = std::move(MapBuilder::Create(on)).value();
   IntegrateMission(mission, 0, 99, true, full.get());
   IntegrateMission(mission, 0, 99, true, builder.get());
   ASSERT_EQ(full->snapshot()->components.size(), 1u);
