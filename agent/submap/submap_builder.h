@@ -28,7 +28,7 @@ struct SubmapBuilderOptions {
   double min_inverse_depth_sigmas = 4.0;
   // Of more tracks those go that fewest keyframes see: the live poses use them all, the uplink
   // carries the best.
-  int max_observations_per_keyframe = 300;
+  int max_observations_per_keyframe = 240;
 
   Status Validate() const;
 };
