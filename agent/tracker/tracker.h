@@ -78,8 +78,9 @@ struct TrackerOptions {
   // smallest level keeps 40 px.
   int pyramid_levels = 3;
   // What TrackOthers finds farther than this from its prediction, and than three sigmas, is another
-  // point.
-  double gate_px = 3.0;
+  // point. Far more than a young filter's error: were tracks lost that contradict it, those left would
+  // be the ones that share its error, and the submaps with them.
+  double gate_px = 8.0;
   // Standard deviation of a perfect match.
   double base_sigma_px = 0.5;
   // Patches of lost tracks kept for re-acquisition.

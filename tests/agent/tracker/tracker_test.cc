@@ -232,8 +232,8 @@ TEST(Tracker, OthersFoundElsewhereAreLost) {
   const cv::Mat image = Render(texture, {}, kWidth, kHeight);
   ExpectOk(tracker->Track(image, {}, kNoRotation));
   tracker->Detect();
-  // Flow leads back from five pixels off to the point itself, which is then in the wrong place.
-  const auto wrong = PredictAll(*tracker, {4.0, 3.0});
+  // Flow leads back from ten pixels off to the point itself, which is then in the wrong place.
+  const auto wrong = PredictAll(*tracker, {8.0, 6.0});
   ASSERT_GE(wrong.size(), 20u);
   ExpectOk(tracker->TrackPredicted(image, {}, kNoRotation));
   tracker->TrackOthers({wrong.data(), 3}, kNoRotation);
@@ -248,7 +248,7 @@ TEST(Tracker, WhereManySlipNoneOfUnknownPlaceIsBelieved) {
   tracker->Detect();
   auto predictions = PredictAll(*tracker, Eigen::Vector2d::Zero());
   ASSERT_GE(predictions.size(), 20u);
-  for (size_t i = 0; i < 8; ++i) predictions[i].pixel += Eigen::Vector2d(4.0, 3.0);
+  for (size_t i = 0; i < 8; ++i) predictions[i].pixel += Eigen::Vector2d(8.0, 6.0);
   ExpectOk(tracker->TrackPredicted(image, {}, kNoRotation));
   tracker->TrackOthers({predictions.data(), 14}, kNoRotation);
   EXPECT_EQ(tracker->points().size(), 6u);
