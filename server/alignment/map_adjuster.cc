@@ -6,13 +6,13 @@
 #include <numbers>
 #include <unordered_map>
 
+#include "server/alignment/unit_keeping.h"
+
 namespace portolan {
 namespace {
 
 // Any value serves: nothing else knows the scale then.
 constexpr double kScaleGaugeSigma = 1e-3;
-// Cameras nearer to the oldest one than this share of the farthest one's distance tell no unit.
-constexpr double kMinLeverOfFarthest = 0.1;
 
 class WindowAdjustment {
  public:
@@ -45,7 +45,7 @@ class WindowAdjustment {
       result_.summary = summary;
     }
     if (!result_.summary.usable) return result_;
-    KeepUnit();
+    KeepUnitOfWorld();
     WriteBack();
     return result_;
   }
@@ -144,36 +144,20 @@ class WindowAdjustment {
     origin_ = first;
   }
 
-  // The farthest camera has held the unit, and may itself have been placed wrongly: new submaps are
-  // often the farthest. Most cameras shall stay as far from the oldest one as they were, or poses
-  // that agents were told before would be in another unit than those after.
-  void KeepUnit() {
+  void KeepUnitOfWorld() {
     if (!origin_) return;
-    const Eigen::Vector3d origin = problem_.cameras[*origin_].world_from_camera.translation;
-    std::vector<std::pair<double, double>> distances;  // before, after
-    double farthest = 0;
+    std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> moved;
     for (size_t i = 0; i < camera_names_.size(); ++i) {
       const auto& [id, keyframe] = camera_names_[i];
-      const Rigid3& before = model_.submap(id).world_from_camera[keyframe];
-      distances.emplace_back((before.translation - origin).norm(),
-                             (problem_.cameras[i].world_from_camera.translation - origin).norm());
-      farthest = std::max(farthest, distances.back().first);
+      moved.emplace_back(model_.submap(id).world_from_camera[keyframe].translation,
+                         problem_.cameras[i].world_from_camera.translation);
     }
-    std::vector<double> ratios;
-    for (const auto& [before, after] : distances) {
-      if (before > kMinLeverOfFarthest * farthest && after > 0) ratios.push_back(before / after);
-    }
-    if (ratios.empty()) return;
-    const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-    std::nth_element(ratios.begin(), middle, ratios.end());
-    const double scale = *middle;
+    const Similarity3 change =
+        KeepUnit(problem_.cameras[*origin_].world_from_camera.translation, moved);
     for (BundleCamera& camera : problem_.cameras) {
-      Eigen::Vector3d& centre = camera.world_from_camera.translation;
-      centre = origin + scale * (centre - origin);
+      camera.world_from_camera = change * camera.world_from_camera;
     }
-    for (BundlePoint& point : problem_.points) {
-      point.point_in_world = origin + scale * (point.point_in_world - origin);
-    }
+    for (BundlePoint& point : problem_.points) point.point_in_world = change * point.point_in_world;
   }
 
   // A held keyframe, but for the one that holds the world, was placed by the lens as it is.

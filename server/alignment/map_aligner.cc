@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "common/linear_algebra/dense.h"
+#include "server/alignment/unit_keeping.h"
 
 namespace portolan {
 Status MapAlignerOptions::Validate() const {
@@ -18,8 +19,8 @@ Status MapAlignerOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(judge.Validate());
   PORTOLAN_RETURN_IF_ERROR(relations.Validate());
   if (full_component_submaps < 1 || region_submaps < 1 || loop_region_submaps < 2 ||
-      max_loop_region_submaps < loop_region_submaps || solving_credit_submaps < 1 || max_region_visits < 1 ||
-      !(relaxing_growth > 1) || bending_iterations < 1) {
+      max_loop_region_submaps < loop_region_submaps || solving_credit_submaps < 1 ||
+      max_region_visits < 1 || !(relaxing_growth > 1) || bending_iterations < 1) {
     return absl::InvalidArgumentError("map aligner: sizes must be positive");
   }
   if (min_matches_of_single_closure < 1 ||
@@ -212,7 +213,10 @@ bool MapAligner::CloseLoops(std::optional<ComponentId> only) {
       if (weights[first + i] > 0.5) closed.insert(&pending_[candidates[i]]);
     }
     if (closed.size() == before) continue;
-    for (const SubmapId id : ids) model_.MoveSubmap(id, graph.world_from_node[nodes.at(id)]);
+    const Similarity3 change = ChangeOfUnit(ids, graph.world_from_node);
+    for (const SubmapId id : ids) {
+      model_.MoveSubmap(id, change * graph.world_from_node[nodes.at(id)]);
+    }
     TouchComponent(component);
   }
   ClosureList now = pending_;
@@ -220,6 +224,18 @@ bool MapAligner::CloseLoops(std::optional<ComponentId> only) {
   ErasePending([&](const Closure& closure) { return closed.contains(&closure); });
   for (size_t i = 0; i < now.size(); ++i) Accept(now.shared(i));
   return CloseLoopsLocally(in_large) || !now.empty();
+}
+
+// The graph holds the first submap, its scale too.
+Similarity3 MapAligner::ChangeOfUnit(const std::vector<SubmapId>& ids,
+                                     const std::vector<Similarity3>& world_from_submap) const {
+  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> moved;
+  for (size_t i = 0; i < ids.size(); ++i) {
+    const ModelSubmap& submap = model_.submap(ids[i]);
+    if (submap.refined->raw->metric) return {};
+    moved.emplace_back(submap.world_from_submap.translation, world_from_submap[i].translation);
+  }
+  return KeepUnit(moved.front().first, moved);
 }
 
 void MapAligner::Accept(std::shared_ptr<const Closure> closure) {

@@ -157,6 +157,8 @@ class MapAligner {
   // Of one component, or of all.
   bool CloseLoops(std::optional<ComponentId> only = std::nullopt);
   void Accept(std::shared_ptr<const Closure> closure);
+  Similarity3 ChangeOfUnit(const std::vector<SubmapId>& ids,
+                           const std::vector<Similarity3>& world_from_submap) const;
   void UniteMatches(const Closure& closure);
   void ErasePending(const std::function<bool(const Closure&)>& predicate);
   bool Survives(const Closure& closure) const;

@@ -89,9 +89,8 @@ void MapAligner::JudgeUnjudged(const std::function<bool()>& may_go_on) {
   while (!unjudged_.empty() && may_go_on()) {
     const std::shared_ptr<const Closure> closure = unjudged_.front();
     unjudged_.pop_front();
-    const bool is_inside =
-        seen_.contains(closure.get()) &&
-        model_.submap(closure->a).component == model_.submap(closure->b).component;
+    const bool is_inside = seen_.contains(closure.get()) && model_.submap(closure->a).component ==
+                                                                model_.submap(closure->b).component;
     if (is_inside) AcceptIfItAgrees(closure, true);
   }
 }

@@ -35,8 +35,8 @@ struct MapRelaxationOptions {
   GeoreferenceFitOptions positions;
   // Prior of a landmark's position relative to its distance, which holds those without parallax.
   double distance_prior_relative = 0.5;
-  // In maps of more submaps than the first, so many landmarks of each take part: long errors show in
-  // a few as well as in all.
+  // In maps of more submaps than the first, so many landmarks of each take part: long errors show
+  // in a few as well as in all.
   int max_whole_submaps = 300;
   int max_landmarks = 60;
 

@@ -130,8 +130,7 @@ std::map<SubmapId, Similarity3> RelaxationMap::ApplyTo(MapModel* model) const {
   }
   std::map<SubmapId, Similarity3> ends;
   for (const RelaxationBody& body : bodies_) {
-    model->MoveSubmap(body.id,
-                      body.moved.front() * model->submap(body.id).world_from_submap);
+    model->MoveSubmap(body.id, body.moved.front() * model->submap(body.id).world_from_submap);
     ends.emplace(body.id, body.moved.back());
   }
   for (size_t i = 0; i < bodies_.size(); ++i) {

@@ -27,14 +27,13 @@ class RelaxationMap {
   // From the cameras as they are now.
   void UpdateFrames();
 
-  // Moves the model's submaps as these moved: cameras, and landmarks, whether or not they took part.
-  // Returns how the world about the end of each moved.
+  // Moves the model's submaps as these moved: cameras, and landmarks, whether or not they took
+  // part. Returns how the world about the end of each moved.
   std::map<SubmapId, Similarity3> ApplyTo(MapModel* model) const;
 
  private:
   void AddBodies(const MapModel& model, const std::vector<SubmapId>& submaps);
-  void AddPoints(const MapModel& model, const std::vector<SubmapId>& submaps,
-                 size_t max_landmarks);
+  void AddPoints(const MapModel& model, const std::vector<SubmapId>& submaps, size_t max_landmarks);
   std::vector<int> Selected(const MapModel& model, const RelaxationBody& body,
                             size_t max_landmarks) const;
   void AddPoint(const MapModel& model, int landmark);
