@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "agent/agent_measurements.h"
 #include "agent/imu/gyro_motion_model.h"
 #include "common/base/check.h"
 
@@ -12,18 +13,6 @@ namespace {
 
 // As proto/submap.proto has it.
 constexpr size_t kMaxFixesOfSubmap = 1024;
-
-std::vector<Measurement> MeasurementsOf(const std::vector<TrackedPoint>& points,
-                                        const auto& is_wanted) {
-  std::vector<Measurement> measurements;
-  measurements.reserve(points.size());
-  for (const TrackedPoint& point : points) {
-    if (is_wanted(point.track)) {
-      measurements.push_back({point.track, point.pixel, point.sigma_px});
-    }
-  }
-  return measurements;
-}
 
 std::vector<TrackedPoint> Filtered(std::vector<TrackedPoint> points, const auto& is_wanted) {
   std::erase_if(points, [&](const TrackedPoint& point) { return !is_wanted(point.track); });
@@ -53,7 +42,7 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(motion.Validate());
   PORTOLAN_RETURN_IF_ERROR(landmarks.Validate());
   PORTOLAN_RETURN_IF_ERROR(initialization.Validate());
-  PORTOLAN_RETURN_IF_ERROR(lost_tracks.Validate());
+  PORTOLAN_RETURN_IF_ERROR(track_places.Validate());
   PORTOLAN_RETURN_IF_ERROR(keyframes.Validate());
   PORTOLAN_RETURN_IF_ERROR(submap.Validate());
   PORTOLAN_RETURN_IF_ERROR(health.Validate());
@@ -65,6 +54,9 @@ Status AgentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(revisit.Validate());
   if (!(min_tracks_share > 0 && min_tracks_share <= 1)) {
     return absl::InvalidArgumentError("min_tracks_share must be within 0 and 1");
+  }
+  if (min_landmarks_for_places < 0) {
+    return absl::InvalidArgumentError("min_landmarks_for_places must not be negative");
   }
   return absl::OkStatus();
 }
@@ -106,7 +98,7 @@ Agent::Agent(const AgentOptions& options, const CameraModel& camera, const Subma
       filter_(std::move(filter)),
       landmarks_(options.landmarks, camera),
       depths_(options.initialization, camera),
-      lost_tracks_(options.lost_tracks, camera),
+      track_places_(options.track_places, camera),
       keyframe_selector_(options.keyframes, camera),
       builder_(options.submap),
       health_(options.health) {
@@ -167,9 +159,9 @@ StatusOr<FrameResult> Agent::ProcessImage(Timestamp time, const cv::Mat& gray,
     return Report(tracking_, std::move(failed));
   }
   TrackLandmarks(time, gray);
-  const int inliers = UpdateFilter();
+  UpdateFilter();
   TrackOthers();
-  if (const auto spoiled_from = health_.Report(time, pause, inliers, filter_->Diverged())) {
+  if (const auto spoiled_from = health_.Report(time, pause, measured_, filter_->Diverged())) {
     return Report(false, HandleFailure(*spoiled_from));
   }
   SeekScale(time);
@@ -216,7 +208,7 @@ void Agent::StartTracking(Timestamp time, const cv::Mat& gray) {
   if (ranges_) ranges_->Reset();
   landmarks_.Reset();
   depths_.Reset();
-  lost_tracks_.Reset();
+  track_places_.Reset();
   health_.Reset();
   PORTOLAN_CHECK(tracker_->Track(gray, {}, Eigen::Quaterniond::Identity()).ok());
   tracker_->Detect();
@@ -346,7 +338,7 @@ std::optional<Submap> Agent::CloseIfFull(Timestamp time) {
   predecessor_from_submap_ = filter_->BeginSubmap();
   if (initializer_) initializer_->Rebase(predecessor_from_submap_);
   depths_.Rebase(predecessor_from_submap_);
-  lost_tracks_.Rebase(predecessor_from_submap_);
+  track_places_.Rebase(predecessor_from_submap_);
   if (ranges_) ranges_->Rebase(predecessor_from_submap_);
   OpenSubmap(LinkType::kConnected);
   builder_.AddFrame(time, Rigid3::Identity());

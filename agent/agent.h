@@ -16,7 +16,7 @@
 #include "agent/imu/inertial_initializer.h"
 #include "agent/landmarks/landmark_initializer.h"
 #include "agent/landmarks/landmark_manager.h"
-#include "agent/landmarks/lost_tracks.h"
+#include "agent/landmarks/track_places.h"
 #include "agent/local_adjustment/local_adjustment.h"
 #include "agent/odometry/odometry_buffer.h"
 #include "agent/odometry/odometry_motion_model.h"
@@ -73,7 +73,9 @@ struct AgentOptions {
                                  .initial_angular_velocity_sigma = 0.7};
   LandmarkManagerOptions landmarks;
   LandmarkInitializerOptions initialization;
-  LostTracksOptions lost_tracks;
+  TrackPlacesOptions track_places;
+  // With fewer landmarks measured the camera's pose is not good enough to look for tracks by it.
+  int min_landmarks_for_places = 15;
   KeyframeSelectorOptions keyframes;
   SubmapBuilderOptions submap;
   TrackingHealthOptions health;
@@ -85,7 +87,7 @@ struct AgentOptions {
   LocalAdjustmentOptions local_adjustment;
   // Likewise; the agent describes the keyframes.
   RevisitOptions revisit;
-  // New corners are looked for when fewer than this share of tracker.max_points is left, and at
+  // New corners are looked for when fewer than this share of Tracker::max_points() is left, and at
   // every keyframe.
   double min_tracks_share = 0.8;
 
@@ -175,9 +177,11 @@ class Agent {
   // Predicts, and looks for the filter's landmarks; says how many of them the filter believes;
   // looks for the other tracks.
   void TrackLandmarks(Timestamp time, const cv::Mat& gray);
-  int UpdateFilter();
+  void UpdateFilter();
   void TrackOthers();
-  // Looks for lost tracks before, and ends those that have slipped.
+  // The camera's pose is good enough to look for tracks by it.
+  bool KnowsPlaces() const;
+  // Looks for lost tracks and ends those that have slipped before.
   void AddTrackedKeyframe(Timestamp time);
   // Without a scale yet: tries to learn it from the IMU and goes on with it. Ranges are used
   // always.
@@ -224,14 +228,14 @@ class Agent {
   std::unique_ptr<LocalFilter> filter_;
   LandmarkManager landmarks_;
   LandmarkInitializer depths_;
-  LostTracks lost_tracks_;
+  TrackPlaces track_places_;
   KeyframeSelector keyframe_selector_;
   SubmapBuilder builder_;
   TrackingHealth health_;
   std::vector<PredictedMeasurement> predicted_;
   int measured_ = 0;
-  // The camera in the frame before.
-  Rigid3 before_;
+  // The camera's turn since the frame before, as it is known by now.
+  Eigen::Quaterniond before_from_now_ = Eigen::Quaterniond::Identity();
   bool tracking_ = false;
   // The present frame has a second image.
   bool has_second_image_ = false;

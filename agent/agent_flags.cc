@@ -113,9 +113,11 @@ void AddInitialization(LandmarkInitializerOptions* options, OptionSection sectio
               "with fewer measured, new ones start at once even if delayed: pure rotation, starts");
 }
 
-void AddLostTracks(LostTracksOptions* options, OptionSection section) {
-  section.Add("enabled", &options->enabled, "",
-              "keyframes are searched for tracks that were lost, where they must be by now");
+void AddTrackPlaces(TrackPlacesOptions* options, OptionSection section) {
+  section.Add(
+      "enabled", &options->enabled, "",
+      "tracks are looked for where they must be, by the motion that the landmarks tell; those "
+      "that slip end, lost ones are looked for in keyframes");
   section.Add("max_tracks", &options->max_tracks, "tracks",
               "tracks that are remembered, live ones too");
   section.Add("max_searched", &options->max_searched, "tracks", "tracks looked for in a keyframe");
@@ -124,7 +126,7 @@ void AddLostTracks(LostTracksOptions* options, OptionSection section) {
   section.Add("drift_sigma_px", &options->drift_sigma_px, "px",
               "how far a track may be from where it should be");
   section.Add("max_sigma_px", &options->max_sigma_px, "px",
-              "tracks whose place is known less well are not looked for");
+              "tracks whose place is known less well are neither bound to it nor looked for");
 }
 
 void AddKeyframes(KeyframeSelectorOptions* options, OptionSection section) {
@@ -289,7 +291,7 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddMotion(&options->motion, table->Section("motion"));
   AddLandmarks(&options->landmarks, table->Section("landmarks"));
   AddInitialization(&options->initialization, table->Section("initialization"));
-  AddLostTracks(&options->lost_tracks, table->Section("lost_tracks"));
+  AddTrackPlaces(&options->track_places, table->Section("track_places"));
   AddKeyframes(&options->keyframes, table->Section("keyframes"));
   AddSubmap(&options->submap, table->Section("submap"));
   AddHealth(&options->health, table->Section("health"));
@@ -299,6 +301,8 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddRange(&options->range, table->Section("range"));
   AddLocalAdjustment(&options->local_adjustment, table->Section("local_adjustment"));
   AddRevisit(&options->revisit, table->Section("revisit"));
+  table->Add("min_landmarks_for_places", &options->min_landmarks_for_places, "landmarks",
+             "with fewer measured, tracks are not looked for where they must be");
   table->Add("min_tracks_share", &options->min_tracks_share, "",
              "new corners are looked for when fewer than this share of the points is left");
 }

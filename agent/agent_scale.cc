@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "agent/agent.h"
+#include "agent/agent_measurements.h"
 #include "common/base/logging.h"
 
 namespace portolan {
@@ -13,11 +14,9 @@ namespace portolan {
 void Agent::SeekScale(Timestamp time) {
   if (ranges_) UseRanges();
   if (!initializer_ || inertial_ || health_.last_frame_bad()) return;
-  std::vector<Measurement> seen;
-  for (const TrackedPoint& point : tracker_->points()) {
-    if (landmarks_.WasOutlier(point.track) || !landmarks_.IsLandmark(point.track)) continue;
-    seen.push_back({point.track, point.pixel, point.sigma_px});
-  }
+  const std::vector<Measurement> seen = MeasurementsOf(tracker_->points(), [this](TrackId track) {
+    return landmarks_.IsLandmark(track) && !landmarks_.WasOutlier(track);
+  });
   initializer_->AddFrame(time, filter_->submap_from_camera(), seen);
   const auto found =
       initializer_->Attempt(filter_->Landmarks(), 1.0 / filter_->median_inverse_depth());
@@ -51,7 +50,7 @@ void Agent::UseRanges() {
 void Agent::TakeUnit(double scale) {
   builder_.Rescale(scale);
   depths_.Rescale(scale);
-  lost_tracks_.Rescale(scale);
+  track_places_.Rescale(scale);
   found_scale_ = true;
   link_keeps_units_ = false;
 }
@@ -62,7 +61,7 @@ void Agent::CorrectScale() {
   if (scale == 1) return;
   builder_.Rescale(scale);
   depths_.Rescale(scale);
-  lost_tracks_.Rescale(scale);
+  track_places_.Rescale(scale);
 }
 
 }  // namespace portolan

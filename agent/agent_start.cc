@@ -10,8 +10,6 @@ void Agent::RestateStart() {
   for (const auto& [time, pose] : poses) frames.push_back({time, pose});
   builder_.Restate(frames);
   keyframe_selector_.MoveKeyframe(builder_.open().keyframes.back().submap_from_camera);
-  depths_.Reset();
-  lost_tracks_.Reset();
   restated_ = builder_.open().frames;
 }
 

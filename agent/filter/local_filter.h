@@ -38,8 +38,10 @@ class LocalFilter {
   void Start(Timestamp time);
   // The same with another motion model.
   void Start(Timestamp time, std::unique_ptr<MotionModel> motion);
-  // After an update that ended the start, or a part of it: the start's poses anew, from its first
-  // frame to this one, not all in between (StartSmoother). Empty otherwise; taken once.
+  // The last update ended the start, or a part of it, and has its poses anew.
+  bool restated() const { return !restated_poses_.empty(); }
+  // Those, from the start's first frame to this one, not all in between (StartSmoother). Empty
+  // otherwise; taken once.
   std::vector<std::pair<Timestamp, Rigid3>> TakeRestatedPoses() {
     return std::exchange(restated_poses_, {});
   }

@@ -247,11 +247,9 @@ std::optional<double> RangeScale::Use(const std::vector<TrackedPoint>& points,
   std::vector<TrackedPoint> seen;
   std::vector<Spot> live, ended;
   for (Spot& spot : spots_) {
-    const auto it = std::lower_bound(
-        points.begin(), points.end(), spot.track,
-        [](const TrackedPoint& point, TrackId track) { return point.track < track; });
-    const bool is_live = it != points.end() && it->track == spot.track;
-    if (is_live) seen.push_back(*it);
+    const TrackedPoint* point = FindPoint(points, spot.track);
+    const bool is_live = point != nullptr;
+    if (is_live) seen.push_back(*point);
     (is_live ? live : ended).push_back(std::move(spot));
   }
   depths_.AddFrame(filter->submap_from_camera(), seen);

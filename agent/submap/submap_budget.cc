@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <unordered_map>
+#include <unordered_set>
 #include <vector>
 
 #include "agent/submap/track_selection.h"
@@ -127,7 +128,9 @@ void SubmapBudget::LeaveOutTracks(double excess_bytes, Submap* submap) const {
   const auto keyframes = static_cast<double>(submap->keyframes.size());
   const double fit =
       (static_cast<double>(observations) - excess_bytes / kBytesPerObservation) / keyframes;
-  KeepLongestTracks(std::max(options_.min_observations, static_cast<int>(fit)), {}, submap);
+  std::unordered_set<TrackId> preferred;
+  for (const SubmapLandmark& landmark : submap->landmarks) preferred.insert(landmark.track);
+  KeepLongestTracks(std::max(options_.min_observations, static_cast<int>(fit)), preferred, submap);
 }
 
 }  // namespace portolan

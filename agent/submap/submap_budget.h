@@ -19,7 +19,8 @@ struct SubmapBudgetOptions {
   double burst_bytes = 50'000;
   // Observations of a keyframe that are not left out.
   int min_observations = 200;
-  // Described points that every submap keeps, however scarce the bytes: places must be recognised.
+  // Described points that are not left out, but those of tracks that are: places must be
+  // recognised.
   int min_features = 200;
 
   Status Validate() const;

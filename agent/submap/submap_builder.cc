@@ -143,9 +143,9 @@ void SubmapBuilder::Restate(const std::vector<FramePose>& poses) {
 }
 
 Submap SubmapBuilder::Thinned(const std::vector<LandmarkEstimate>& landmarks) {
-  for (const LandmarkEstimate& landmark : landmarks) carried_.insert(landmark.track);
-  KeepLongestTracks(options_.max_observations_per_keyframe, carried_, &submap_);
-  carried_.clear();
+  std::unordered_set<TrackId> preferred = std::exchange(carried_, {});
+  for (const LandmarkEstimate& landmark : landmarks) preferred.insert(landmark.track);
+  KeepLongestTracks(options_.max_observations_per_keyframe, preferred, &submap_);
   if (!submap_.keyframes.empty()) {
     for (const Observation& observation : submap_.keyframes.back().observations) {
       carried_.insert(observation.track);
@@ -155,14 +155,10 @@ Submap SubmapBuilder::Thinned(const std::vector<LandmarkEstimate>& landmarks) {
 }
 
 Submap SubmapBuilder::Close(const std::vector<LandmarkEstimate>& landmarks) {
-  std::unordered_set<TrackId> observed;
-  for (const Keyframe& keyframe : submap_.keyframes) {
-    for (const Observation& observation : keyframe.observations) observed.insert(observation.track);
-  }
   for (const LandmarkEstimate& landmark : landmarks) {
     const bool depth_known =
         landmark.inverse_depth > options_.min_inverse_depth_sigmas * landmark.inverse_depth_sigma;
-    if (depth_known && observed.contains(landmark.track)) {
+    if (depth_known) {
       submap_.landmarks.push_back({landmark.track, landmark.point_in_submap, landmark.covariance});
     }
   }

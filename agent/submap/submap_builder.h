@@ -71,10 +71,11 @@ class SubmapBuilder {
   const Submap& open() const { return submap_; }
 
  private:
-  SubmapBuilderOptions options_;
-  // Keeps the best tracks and says which are on.
+  // Keeps the best tracks, and what they saw of landmarks; notes what links this submap to the
+  // next.
   Submap Thinned(const std::vector<LandmarkEstimate>& landmarks);
 
+  SubmapBuilderOptions options_;
   Submap submap_;
   // Tracks of the last submap's last keyframe: what links it to this one.
   std::unordered_set<TrackId> carried_;

@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <unordered_map>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "agent/tracker/detection_grid.h"
@@ -83,6 +84,11 @@ class Tracker::Impl {
   const std::vector<TrackedPoint>& points() const { return points_; }
   const CameraModel& camera() const { return camera_; }
   int max_points() const { return max_points_; }
+  std::vector<TrackId> lost() const {
+    std::vector<TrackId> ids;
+    for (const auto& [id, state] : lost_) ids.push_back(id);
+    return ids;
+  }
 
  private:
   using TrackMap = std::map<TrackId, TrackState>;
@@ -96,13 +102,16 @@ class Tracker::Impl {
   void Move(std::span<const TrackPrediction> predictions,
             const Eigen::Quaterniond& previous_from_current, bool first);
   bool IsNear(const Eigen::Vector2d& pixel, const Expectation& expected) const;
-  bool Advance(std::span<const Eigen::Vector2d> starts, const Expectation& expected,
-               TrackState* state) const;
+  enum class Outcome { kFound, kSlipped, kLost };
+  // is_bound: what is found elsewhere than expected is another point.
+  Outcome Advance(std::span<const Eigen::Vector2d> starts, const Expectation& expected,
+                  bool is_bound, TrackState* state) const;
   void Accept(const PatchAlignment& aligned, TrackState* state) const;
   bool IsUsable(const Eigen::Vector2d& pixel) const {
     return camera_.IsInImage(pixel, options_.border_px);
   }
-  void Lose(TrackMap::iterator it);
+  // Keeps their patches, of all lost tracks the latest.
+  void Lose(const std::vector<TrackMap::iterator>& lost);
   void DropCollapsed();
   void Publish();
 
@@ -144,16 +153,18 @@ std::optional<PatchAlignment> Tracker::Impl::Find(std::span<const Eigen::Vector2
   return state.reference.Align(current_, {flow, state.affine});
 }
 
-bool Tracker::Impl::Advance(std::span<const Eigen::Vector2d> starts, const Expectation& expected,
-                            TrackState* state) const {
+Tracker::Impl::Outcome Tracker::Impl::Advance(std::span<const Eigen::Vector2d> starts,
+                                              const Expectation& expected, bool is_bound,
+                                              TrackState* state) const {
   const auto aligned = Find(starts, expected, *state);
   if (!aligned || aligned->correlation < options_.min_correlation ||
       !IsUsable(aligned->pose.pixel)) {
-    return false;
+    return Outcome::kLost;
   }
+  if (is_bound && !IsNear(aligned->pose.pixel, expected)) return Outcome::kSlipped;
   Accept(*aligned, state);
   ++state->point.age_frames;
-  return true;
+  return Outcome::kFound;
 }
 
 void Tracker::Impl::Accept(const PatchAlignment& aligned, TrackState* state) const {
@@ -212,11 +223,10 @@ void Tracker::Impl::Move(std::span<const TrackPrediction> predictions,
     const Expectation expected =
         is_predicted ? Expectation{starts.front(), prediction->second->covariance_px2}
                      : Expectation{starts.back(), unknown};
-    const bool is_found = Advance(starts, expected, &state);
-    const bool has_slipped = is_bound && is_found && !IsNear(state.point.pixel, expected);
+    const Outcome outcome = Advance(starts, expected, is_bound, &state);
     tested += is_bound ? 1 : 0;
-    slipped += has_slipped ? 1 : 0;
-    if (is_found && !has_slipped) {
+    slipped += outcome == Outcome::kSlipped ? 1 : 0;
+    if (outcome == Outcome::kFound) {
       state.last_shift = state.point.pixel - turned;
       motions_.push_back({from, state.last_shift});
     } else {
@@ -232,13 +242,13 @@ void Tracker::Impl::Move(std::span<const TrackPrediction> predictions,
     TrackState& state = it->second;
     const auto shift = LocalMotion(motions_, state.point.pixel);
     if (shift) starts = {Rotated(state.point.pixel, current_from_previous) + *shift};
-    if (shift && Advance(starts, {starts.front(), unknown}, &state)) {
+    if (shift && Advance(starts, {starts.front(), unknown}, false, &state) == Outcome::kFound) {
       state.last_shift = *shift;
     } else {
       lost.push_back(it);
     }
   }
-  for (const TrackMap::iterator it : lost) Lose(it);
+  Lose(lost);
   DropCollapsed();
   Publish();
 }
@@ -249,14 +259,18 @@ bool Tracker::Impl::IsNear(const Eigen::Vector2d& pixel, const Expectation& expe
          error.dot(expected.covariance_px2.inverse() * error) < 9.0;
 }
 
-void Tracker::Impl::Lose(TrackMap::iterator it) {
-  it->second.lost_at = image_count_;
-  lost_.insert_or_assign(it->first, std::move(it->second));
-  tracks_.erase(it);
-  if (static_cast<int>(lost_.size()) <= options_.max_lost) return;
-  lost_.erase(std::min_element(lost_.begin(), lost_.end(), [](const auto& a, const auto& b) {
-    return a.second.lost_at < b.second.lost_at;
-  }));
+void Tracker::Impl::Lose(const std::vector<TrackMap::iterator>& lost) {
+  for (const TrackMap::iterator it : lost) {
+    it->second.lost_at = image_count_;
+    lost_.insert_or_assign(it->first, std::move(it->second));
+    tracks_.erase(it);
+  }
+  const int surplus = static_cast<int>(lost_.size()) - options_.max_lost;
+  if (surplus <= 0) return;
+  std::vector<std::pair<int, TrackId>> by_age;
+  for (const auto& [id, state] : lost_) by_age.emplace_back(state.lost_at, id);
+  std::nth_element(by_age.begin(), by_age.begin() + surplus, by_age.end());
+  for (int i = 0; i < surplus; ++i) lost_.erase(by_age[i].second);
 }
 
 void Tracker::Impl::DropCollapsed() {
@@ -317,6 +331,7 @@ std::optional<TrackId> Tracker::Impl::StartAt(const Eigen::Vector2d& pixel) {
 }
 
 void Tracker::Impl::Drop(std::span<const TrackId> tracks) {
+  if (tracks.empty()) return;
   for (const TrackId& id : tracks) tracks_.erase(id);
   Publish();
 }
@@ -369,6 +384,13 @@ std::vector<Feature> Tracker::Impl::Describe(bool complete) const {
   return features;
 }
 
+const TrackedPoint* FindPoint(const std::vector<TrackedPoint>& points, TrackId track) {
+  const auto it = std::lower_bound(
+      points.begin(), points.end(), track,
+      [](const TrackedPoint& point, TrackId wanted) { return point.track < wanted; });
+  return it != points.end() && it->track == track ? &*it : nullptr;
+}
+
 StatusOr<std::unique_ptr<Tracker>> Tracker::Create(const TrackerOptions& options,
                                                    const CameraModel& camera) {
   PORTOLAN_RETURN_IF_ERROR(options.Validate());
@@ -412,6 +434,8 @@ void Tracker::Drop(std::span<const TrackId> tracks) { impl_->Drop(tracks); }
 std::vector<TrackId> Tracker::Reacquire(std::span<const SearchRegion> lost) {
   return impl_->Reacquire(lost);
 }
+std::vector<TrackId> Tracker::lost() const { return impl_->lost(); }
+
 int Tracker::max_points() const { return impl_->max_points(); }
 
 const std::vector<TrackedPoint>& Tracker::points() const { return impl_->points(); }

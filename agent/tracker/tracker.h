@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <opencv2/core/mat.hpp>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -42,13 +43,16 @@ struct TrackedPoint {
   int age_frames = 0;                               // images since it was detected
 };
 
+// The point of a track among points by ascending track; null if there is none.
+const TrackedPoint* FindPoint(const std::vector<TrackedPoint>& points, TrackId track);
+
 // Where a lost track is looked for: the 3-sigma ellipse of the covariance about the pixel.
 struct SearchRegion {
   TrackId track;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   Eigen::Matrix2d covariance_px2 = Eigen::Matrix2d::Identity();
-  // How the image about the point has changed since it was seen: there = pixel + warp * (then -
-  // then's pixel).
+  // How the image about the point has changed, there = pixel + warp * (then - then's pixel), since
+  // about when it was lost.
   Eigen::Matrix2d warp = Eigen::Matrix2d::Identity();
 };
 
@@ -78,8 +82,8 @@ struct TrackerOptions {
   // smallest level keeps 40 px.
   int pyramid_levels = 3;
   // What TrackOthers finds farther than this from its prediction, and than three sigmas, is another
-  // point. Far more than a young filter's error: were tracks lost that contradict it, those left would
-  // be the ones that share its error, and the submaps with them.
+  // point. Far more than a young filter's error: were tracks lost that contradict it, those left
+  // would be the ones that share its error, and the submaps with them.
   double gate_px = 8.0;
   // Standard deviation of a perfect match.
   double base_sigma_px = 0.5;
@@ -133,6 +137,9 @@ class Tracker {
   // Looks for lost tracks by correlation of their stored patch; found ones live on under the same
   // id. Returns them, ascending. Unknown and live tracks are ignored.
   std::vector<TrackId> Reacquire(std::span<const SearchRegion> lost);
+
+  // Tracks that Reacquire can bring back, ascending.
+  std::vector<TrackId> lost() const;
 
   // Live tracks that Detect fills up to.
   int max_points() const;

@@ -1,28 +1,27 @@
-#include "agent/landmarks/lost_tracks.h"
+#include "agent/landmarks/track_places.h"
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <tuple>
 #include <utility>
 
 namespace portolan {
 
-Status LostTracksOptions::Validate() const {
+Status TrackPlacesOptions::Validate() const {
   if (max_tracks < 1 || min_views < 2 || max_searched < 0) {
     return absl::InvalidArgumentError(
-        "lost_tracks: max_tracks must be positive, min_views at least 2, max_searched at least 0");
+        "track_places: max_tracks must be positive, min_views at least 2, max_searched at least 0");
   }
   if (!(min_parallax_rad > 0) || !(pixel_sigma_px > 0) || !(drift_sigma_px > 0) ||
       !(max_sigma_px > 0) || !(max_view_angle_rad > 0) || !(max_distance_factor > 1)) {
-    return absl::InvalidArgumentError("lost_tracks: a limit is out of range");
+    return absl::InvalidArgumentError("track_places: a limit is out of range");
   }
   return absl::OkStatus();
 }
 
 // With p_old = R p_new + t: sums over the same rays in the new frame.
-void LostTracks::Rebase(const Rigid3& old_from_new) {
+void TrackPlaces::Rebase(const Rigid3& old_from_new) {
   const Eigen::Matrix3d rotation = old_from_new.rotation.toRotationMatrix();
   const Eigen::Vector3d& shift = old_from_new.translation;
   const Rigid3 new_from_old = old_from_new.Inverse();
@@ -37,7 +36,7 @@ void LostTracks::Rebase(const Rigid3& old_from_new) {
   }
 }
 
-void LostTracks::Rescale(double scale) {
+void TrackPlaces::Rescale(double scale) {
   for (auto& [id, track] : tracks_) {
     track.moments *= scale;
     track.squares *= scale * scale;
@@ -48,8 +47,8 @@ void LostTracks::Rescale(double scale) {
   }
 }
 
-std::vector<TrackId> LostTracks::AddKeyframe(const Rigid3& submap_from_camera,
-                                             const std::vector<TrackedPoint>& points) {
+std::vector<TrackId> TrackPlaces::AddKeyframe(const Rigid3& submap_from_camera,
+                                              const std::vector<TrackedPoint>& points) {
   if (!options_.enabled) return {};
   std::vector<TrackId> slipped;
   ++keyframe_count_;
@@ -77,7 +76,7 @@ std::vector<TrackId> LostTracks::AddKeyframe(const Rigid3& submap_from_camera,
   return slipped;
 }
 
-void LostTracks::Forget() {
+void TrackPlaces::Forget() {
   const int surplus = static_cast<int>(tracks_.size()) - options_.max_tracks;
   if (surplus <= 0) return;
   std::vector<std::pair<int, TrackId>> by_age;
@@ -86,7 +85,7 @@ void LostTracks::Forget() {
   for (int i = 0; i < surplus; ++i) tracks_.erase(by_age[i].second);
 }
 
-std::optional<LostTracks::Point> LostTracks::Triangulate(const Track& track, bool* misses) const {
+std::optional<TrackPlaces::Point> TrackPlaces::Triangulate(const Track& track, bool* misses) const {
   if (track.views < options_.min_views) return std::nullopt;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(track.projectors);
   // The least eigenvalue is the sum of squared sines about the mean direction.
@@ -109,8 +108,8 @@ std::optional<LostTracks::Point> LostTracks::Triangulate(const Track& track, boo
   return point;
 }
 
-std::optional<LostTracks::Prediction> LostTracks::Predict(const Point& point,
-                                                          const Rigid3& camera_from_submap) const {
+std::optional<TrackPlaces::Prediction> TrackPlaces::Predict(
+    const Point& point, const Rigid3& camera_from_submap) const {
   Prediction prediction;
   const auto pixel =
       camera_.Project(camera_from_submap * point.position, &prediction.d_pixel_d_point_in_camera);
@@ -120,49 +119,50 @@ std::optional<LostTracks::Prediction> LostTracks::Predict(const Point& point,
       prediction.d_pixel_d_point_in_camera * camera_from_submap.rotation.toRotationMatrix();
   prediction.covariance_px2 = d_point * point.covariance * d_point.transpose();
   prediction.covariance_px2.diagonal().array() += options_.drift_sigma_px * options_.drift_sigma_px;
+  const double limit = options_.max_sigma_px * options_.max_sigma_px;
+  if (!(prediction.covariance_px2.diagonal().maxCoeff() < limit)) return std::nullopt;
   return prediction;
 }
 
-std::vector<TrackPrediction> LostTracks::PredictLive(const Rigid3& submap_from_camera) const {
+std::vector<TrackPrediction> TrackPlaces::PredictLive(const Rigid3& submap_from_camera) const {
   if (!options_.enabled) return {};
   const Rigid3 camera_from_submap = submap_from_camera.Inverse();
   std::vector<TrackPrediction> predictions;
   for (const auto& [id, track] : tracks_) {
     if (track.seen_at != keyframe_count_ || !track.point) continue;
     const auto prediction = Predict(*track.point, camera_from_submap);
-    if (!prediction || !IsSharp(prediction->covariance_px2)) continue;
+    if (!prediction) continue;
     predictions.push_back({id, prediction->pixel, prediction->covariance_px2});
   }
   return predictions;
 }
 
-std::vector<SearchRegion> LostTracks::Expect(const Rigid3& submap_from_camera,
-                                             const std::vector<TrackedPoint>& live) const {
-  if (!options_.enabled) return {};
+std::vector<SearchRegion> TrackPlaces::ExpectLost(const Rigid3& submap_from_camera,
+                                                  const std::vector<TrackId>& lost) const {
   const Rigid3 camera_from_submap = submap_from_camera.Inverse();
-  std::vector<std::pair<int, TrackId>> lost;
-  auto next = live.begin();
-  for (const auto& [id, track] : tracks_) {
-    while (next != live.end() && next->track < id) ++next;
-    if (next != live.end() && next->track == id) continue;
-    lost.emplace_back(-track.seen_at, id);
+  std::vector<std::pair<int, std::map<TrackId, Track>::const_iterator>> known;
+  for (const TrackId id : lost) {
+    const auto track = tracks_.find(id);
+    if (track != tracks_.end() && track->second.point)
+      known.emplace_back(-track->second.seen_at, track);
   }
-  std::sort(lost.begin(), lost.end());
+  std::stable_sort(known.begin(), known.end(),
+                   [](const auto& a, const auto& b) { return a.first < b.first; });
   std::vector<SearchRegion> regions;
-  for (const auto& [seen_at, id] : lost) {
+  for (const auto& [seen_at, track] : known) {
     if (static_cast<int>(regions.size()) == options_.max_searched) break;
-    if (auto region = Expect(id, tracks_.at(id), submap_from_camera, camera_from_submap)) {
-      regions.push_back(*region);
-    }
+    auto region = Expect(track->second, submap_from_camera, camera_from_submap);
+    if (!region) continue;
+    region->track = track->first;
+    regions.push_back(*region);
   }
   return regions;
 }
 
-std::optional<SearchRegion> LostTracks::Expect(TrackId id, const Track& track,
-                                               const Rigid3& submap_from_camera,
-                                               const Rigid3& camera_from_submap) const {
+std::optional<SearchRegion> TrackPlaces::Expect(const Track& track,
+                                                const Rigid3& submap_from_camera,
+                                                const Rigid3& camera_from_submap) const {
   const std::optional<Point>& point = track.point;
-  if (!point) return std::nullopt;
   const Eigen::Vector3d now = point->position - submap_from_camera.translation;
   const Eigen::Vector3d then = point->position - track.seen_from.translation;
   const double factor = now.norm() / then.norm();
@@ -187,12 +187,10 @@ std::optional<SearchRegion> LostTracks::Expect(TrackId id, const Track& track,
   const Eigen::Matrix2d then_from_plane = d_pixel_then * plane;
   if (!(std::abs(then_from_plane.determinant()) > 0)) return std::nullopt;
   SearchRegion region;
-  region.track = id;
   region.pixel = prediction->pixel;
   region.covariance_px2 = prediction->covariance_px2;
   region.warp =
       prediction->d_pixel_d_point_in_camera * now_from_then * plane * then_from_plane.inverse();
-  if (!IsSharp(region.covariance_px2)) return std::nullopt;
   return region;
 }
 

@@ -1,6 +1,6 @@
-// Where tracks that were lost must be in the image, once the camera looks there again.
-#ifndef PORTOLAN_AGENT_LANDMARKS_LOST_TRACKS_H_
-#define PORTOLAN_AGENT_LANDMARKS_LOST_TRACKS_H_
+// Where tracks must be in the image: live ones, and lost ones once the camera looks there again.
+#ifndef PORTOLAN_AGENT_LANDMARKS_TRACK_PLACES_H_
+#define PORTOLAN_AGENT_LANDMARKS_TRACK_PLACES_H_
 
 #include <Eigen/Core>
 #include <map>
@@ -14,18 +14,17 @@
 
 namespace portolan {
 
-struct LostTracksOptions {
+struct TrackPlacesOptions {
   bool enabled = true;
   // Tracks that are remembered, live ones too; those that were not seen for longest go.
   int max_tracks = 800;
-  // With fewer landmarks measured the camera's pose is not good enough to look for tracks by it.
-  int min_landmarks = 15;
   // Keyframes that must have seen a track, and root of the sum of squared angles of its rays about
   // their mean direction [rad]: otherwise its distance is not known.
   int min_views = 3;
   double min_parallax_rad = 0.05;
   // Error of a ray, that of its camera pose included, and how far the prediction is off for other
-  // reasons than the point's own uncertainty. The search ellipse's deviation is at most this.
+  // reasons than the point's own uncertainty. What is predicted less well is neither bound nor
+  // looked for.
   double pixel_sigma_px = 1.0;
   double drift_sigma_px = 0.8;
   double max_sigma_px = 2.0;
@@ -42,9 +41,9 @@ struct LostTracksOptions {
 // Remembers of every track the point nearest to its rays (linear triangulation with the filter's
 // poses; Hartley & Sturm, CVIU 1997, "mid-point"), kept as sums that cost nothing to extend:
 // sum of (I - b b') p = sum of (I - b b') o over rays from o along b. Thread-compatible.
-class LostTracks {
+class TrackPlaces {
  public:
-  LostTracks(const LostTracksOptions& options, const CameraModel& camera)
+  TrackPlaces(const TrackPlacesOptions& options, const CameraModel& camera)
       : options_(options), camera_(camera) {}
 
   void Reset() { tracks_.clear(); }
@@ -59,9 +58,10 @@ class LostTracks {
   // Where the camera should see the tracks that the last keyframe saw and whose place is known.
   std::vector<TrackPrediction> PredictLive(const Rigid3& submap_from_camera) const;
 
-  // Where the present camera should see tracks that are not live; those seen last come first.
-  std::vector<SearchRegion> Expect(const Rigid3& submap_from_camera,
-                                   const std::vector<TrackedPoint>& live) const;
+  // Where the present camera should see those of the lost tracks (ascending) whose place is known;
+  // the ones seen last come first. The regions' warp is that since the last keyframe that saw them.
+  std::vector<SearchRegion> ExpectLost(const Rigid3& submap_from_camera,
+                                       const std::vector<TrackId>& lost) const;
 
  private:
   struct Point {
@@ -79,7 +79,8 @@ class LostTracks {
     std::optional<Point> point = std::nullopt;
   };
 
-  // With drift_sigma_px in the covariance; no value if it is not in front of the camera.
+  // With drift_sigma_px in the covariance; no value if it is not in front of the camera, or not
+  // known to max_sigma_px.
   struct Prediction {
     Eigen::Vector2d pixel;
     Eigen::Matrix2d covariance_px2;
@@ -87,17 +88,14 @@ class LostTracks {
   };
 
   std::optional<Prediction> Predict(const Point& point, const Rigid3& camera_from_submap) const;
-  bool IsSharp(const Eigen::Matrix2d& covariance_px2) const {
-    return covariance_px2.diagonal().maxCoeff() < options_.max_sigma_px * options_.max_sigma_px;
-  }
   // No point without parallax, and if the rays miss it.
   std::optional<Point> Triangulate(const Track& track, bool* misses) const;
-  std::optional<SearchRegion> Expect(TrackId id, const Track& track,
-                                     const Rigid3& submap_from_camera,
+  // Of a track whose place is known; its id is the caller's business.
+  std::optional<SearchRegion> Expect(const Track& track, const Rigid3& submap_from_camera,
                                      const Rigid3& camera_from_submap) const;
   void Forget();
 
-  const LostTracksOptions options_;
+  const TrackPlacesOptions options_;
   const CameraModel camera_;
   int keyframe_count_ = 0;
   std::map<TrackId, Track> tracks_;
@@ -105,4 +103,4 @@ class LostTracks {
 
 }  // namespace portolan
 
-#endif  // PORTOLAN_AGENT_LANDMARKS_LOST_TRACKS_H_
+#endif  // PORTOLAN_AGENT_LANDMARKS_TRACK_PLACES_H_

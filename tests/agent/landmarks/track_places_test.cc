@@ -1,4 +1,4 @@
-#include "agent/landmarks/lost_tracks.h"
+#include "agent/landmarks/track_places.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -41,10 +41,15 @@ class Wall {
   Eigen::Vector2d PixelOf(TrackId track, const Rigid3& world_from_camera) const {
     return *camera_.Project(world_from_camera.Inverse() * points_[track.value()]);
   }
-  void Feed(LostTracks* tracks, int keyframes) {
+  void Feed(TrackPlaces* tracks, int keyframes) {
     for (int i = 0; i < keyframes; ++i) tracks->AddKeyframe(PoseAt(i), Observe(PoseAt(i)));
   }
   const CameraModel& camera() const { return camera_; }
+  static std::vector<TrackId> AllTracks() {
+    std::vector<TrackId> all;
+    for (uint32_t i = 0; i < kWallPoints; ++i) all.push_back(TrackId(i));
+    return all;
+  }
 
  private:
   const CameraModel camera_ = MakeTestCamera();
@@ -53,24 +58,24 @@ class Wall {
   std::vector<Eigen::Vector3d> points_;
 };
 
-TEST(LostTracksTest, ExpectsThemWhereTheyAre) {
+TEST(TrackPlacesTest, ExpectsThemWhereTheyAre) {
   Wall wall;
-  LostTracks tracks({}, wall.camera());
+  TrackPlaces tracks({}, wall.camera());
   wall.Feed(&tracks, 6);
   const Rigid3 back = Wall::PoseAt(1);
-  const auto expected = tracks.Expect(back, {});
+  const auto expected = tracks.ExpectLost(back, Wall::AllTracks());
   ASSERT_GT(expected.size(), 20u);
   for (const SearchRegion& region : expected) {
     EXPECT_THAT((region.pixel - wall.PixelOf(region.track, back)).norm(), testing::Lt(1e-6));
   }
 }
 
-TEST(LostTracksTest, ErrorsLieWithinTheSearchEllipse) {
+TEST(TrackPlacesTest, ErrorsLieWithinTheSearchEllipse) {
   Wall wall(0.7);
-  LostTracks tracks({.drift_sigma_px = 0.1}, wall.camera());
+  TrackPlaces tracks({.drift_sigma_px = 0.1}, wall.camera());
   wall.Feed(&tracks, 6);
   int checked = 0, inside = 0;
-  for (const SearchRegion& region : tracks.Expect(Wall::PoseAt(0), {})) {
+  for (const SearchRegion& region : tracks.ExpectLost(Wall::PoseAt(0), Wall::AllTracks())) {
     const Eigen::Vector2d error = region.pixel - wall.PixelOf(region.track, Wall::PoseAt(0));
     const double chi2 = error.dot(region.covariance_px2.inverse() * error);
     ++checked;
@@ -80,16 +85,34 @@ TEST(LostTracksTest, ErrorsLieWithinTheSearchEllipse) {
   EXPECT_GE(inside, 0.95 * checked);
 }
 
-TEST(LostTracksTest, LiveTracksAreNotLost) {
+TEST(TrackPlacesTest, OnlyLostTracksAreLookedFor) {
   Wall wall;
-  LostTracks tracks({}, wall.camera());
+  TrackPlaces tracks({.max_searched = 5}, wall.camera());
   wall.Feed(&tracks, 6);
-  EXPECT_TRUE(tracks.Expect(Wall::PoseAt(5), wall.Observe(Wall::PoseAt(5))).empty());
+  EXPECT_EQ(tracks.ExpectLost(Wall::PoseAt(5), Wall::AllTracks()).size(), 5u);
+  EXPECT_TRUE(tracks.ExpectLost(Wall::PoseAt(5), {}).empty());
+  const std::vector<TrackId> lost = {wall.Observe(Wall::PoseAt(5))[3].track};
+  const auto expected = tracks.ExpectLost(Wall::PoseAt(5), lost);
+  ASSERT_EQ(expected.size(), 1u);
+  EXPECT_EQ(expected[0].track, lost[0]);
 }
 
-TEST(LostTracksTest, AnotherFrameAndUnitMeanTheSamePixels) {
+TEST(TrackPlacesTest, FromElsewhereAPointLooksOtherwise) {
   Wall wall;
-  LostTracks tracks({}, wall.camera()), moved({}, wall.camera());
+  TrackPlaces tracks({.pixel_sigma_px = 0.1}, wall.camera());
+  wall.Feed(&tracks, 6);
+  Rigid3 near = Wall::PoseAt(5), aside = Wall::PoseAt(5);
+  near.translation.z() += 2.6;
+  aside.translation.x() += 4;
+  aside.rotation = aside.rotation * RotationExp({0, -0.8, 0});
+  EXPECT_GT(tracks.PredictLive(near).size(), 3u);
+  EXPECT_TRUE(tracks.ExpectLost(near, Wall::AllTracks()).empty());
+  EXPECT_TRUE(tracks.ExpectLost(aside, Wall::AllTracks()).empty());
+}
+
+TEST(TrackPlacesTest, AnotherFrameAndUnitMeanTheSamePixels) {
+  Wall wall;
+  TrackPlaces tracks({}, wall.camera()), moved({}, wall.camera());
   wall.Feed(&tracks, 6);
   wall.Feed(&moved, 6);
   const Rigid3 old_from_new{RotationExp({0.3, -0.5, 0.2}), Eigen::Vector3d(3, -1, 2)};
@@ -97,8 +120,8 @@ TEST(LostTracksTest, AnotherFrameAndUnitMeanTheSamePixels) {
   moved.Rescale(2.5);
   Rigid3 camera = old_from_new.Inverse() * Wall::PoseAt(1);
   camera.translation *= 2.5;
-  const auto before = tracks.Expect(Wall::PoseAt(1), {});
-  const auto after = moved.Expect(camera, {});
+  const auto before = tracks.ExpectLost(Wall::PoseAt(1), Wall::AllTracks());
+  const auto after = moved.ExpectLost(camera, Wall::AllTracks());
   ASSERT_GT(before.size(), 20u);
   ASSERT_EQ(before.size(), after.size());
   for (size_t i = 0; i < before.size(); ++i) {
@@ -110,13 +133,13 @@ TEST(LostTracksTest, AnotherFrameAndUnitMeanTheSamePixels) {
 }
 
 // Where the image has turned by a right angle about the axis, so has what surrounds a point.
-TEST(LostTracksTest, WarpTurnsWithTheCamera) {
+TEST(TrackPlacesTest, WarpTurnsWithTheCamera) {
   Wall wall;
-  LostTracks tracks({}, wall.camera());
+  TrackPlaces tracks({}, wall.camera());
   wall.Feed(&tracks, 6);
   Rigid3 turned = Wall::PoseAt(5);
   turned.rotation = turned.rotation * RotationExp({0, 0, EIGEN_PI / 2});
-  const auto expected = tracks.Expect(turned, {});
+  const auto expected = tracks.ExpectLost(turned, Wall::AllTracks());
   ASSERT_GT(expected.size(), 10u);
   for (const SearchRegion& region : expected) {
     // The point's surroundings: what lies beside it across the ray.
@@ -128,9 +151,9 @@ TEST(LostTracksTest, WarpTurnsWithTheCamera) {
 }
 
 // A track that slipped from one point to another has no place, and is said to have slipped.
-TEST(LostTracksTest, RaysThatMissEachOtherGiveNoPlace) {
+TEST(TrackPlacesTest, RaysThatMissEachOtherGiveNoPlace) {
   Wall wall;
-  LostTracks tracks({}, wall.camera());
+  TrackPlaces tracks({}, wall.camera());
   const TrackId slipped = wall.Observe(Wall::PoseAt(0)).front().track;
   std::vector<TrackId> told;
   for (int i = 0; i < 6; ++i) {
@@ -140,14 +163,14 @@ TEST(LostTracksTest, RaysThatMissEachOtherGiveNoPlace) {
   }
   ASSERT_FALSE(told.empty());
   for (const TrackId track : told) EXPECT_EQ(track, slipped);
-  const auto expected = tracks.Expect(Wall::PoseAt(2), {});
+  const auto expected = tracks.ExpectLost(Wall::PoseAt(2), Wall::AllTracks());
   ASSERT_GT(expected.size(), 20u);
   for (const SearchRegion& region : expected) EXPECT_NE(region.track, slipped);
 }
 
-TEST(LostTracksTest, PredictsThoseOfTheLastKeyframe) {
+TEST(TrackPlacesTest, PredictsThoseOfTheLastKeyframe) {
   Wall wall;
-  LostTracks tracks({}, wall.camera());
+  TrackPlaces tracks({}, wall.camera());
   wall.Feed(&tracks, 5);
   auto some = wall.Observe(Wall::PoseAt(5));
   some.resize(30);
@@ -160,21 +183,48 @@ TEST(LostTracksTest, PredictsThoseOfTheLastKeyframe) {
   }
 }
 
-TEST(LostTracksTest, WithoutParallaxNoPlace) {
+TEST(TrackPlacesTest, WithoutParallaxNoPlace) {
   Wall wall;
-  LostTracks tracks({}, wall.camera());
+  TrackPlaces tracks({}, wall.camera());
   for (int i = 0; i < 6; ++i) {
     const Rigid3 turning{RotationExp({0, 0.02 * i, 0}), Eigen::Vector3d::Zero()};
     tracks.AddKeyframe(turning, wall.Observe(turning));
   }
-  EXPECT_TRUE(tracks.Expect(Rigid3::Identity(), {}).empty());
+  EXPECT_TRUE(tracks.ExpectLost(Rigid3::Identity(), Wall::AllTracks()).empty());
 }
 
-TEST(LostTracksTest, ForgetsThoseNotSeenForLongest) {
+TEST(TrackPlacesTest, ForgetsThoseNotSeenForLongest) {
   Wall wall;
-  LostTracks tracks({.max_tracks = 10}, wall.camera());
+  TrackPlaces tracks({.max_tracks = 10}, wall.camera());
+  TrackPlaces all({}, wall.camera());
+  wall.Feed(&tracks, 5);
+  wall.Feed(&all, 5);
+  const std::vector<TrackedPoint> seen = wall.Observe(Wall::PoseAt(5));
+  ASSERT_GT(seen.size(), 20u);
+  const TrackId first_of_last = seen[seen.size() - 10].track;
+  for (int i = 5; i < 8; ++i) {
+    std::vector<TrackedPoint> last = wall.Observe(Wall::PoseAt(i));
+    std::erase_if(last, [&](const TrackedPoint& point) { return point.track < first_of_last; });
+    tracks.AddKeyframe(Wall::PoseAt(i), last);
+  }
+  EXPECT_GT(all.ExpectLost(Wall::PoseAt(4), Wall::AllTracks()).size(), 20u);
+  const auto expected = tracks.ExpectLost(Wall::PoseAt(4), Wall::AllTracks());
+  ASSERT_GT(expected.size(), 3u);
+  for (const SearchRegion& region : expected) EXPECT_GE(region.track, first_of_last);
+}
+
+TEST(TrackPlacesTest, DisabledItKnowsNothing) {
+  Wall wall;
+  TrackPlaces tracks({.enabled = false}, wall.camera());
   wall.Feed(&tracks, 6);
-  EXPECT_LE(tracks.Expect(Wall::PoseAt(4), {}).size(), 10u);
+  EXPECT_TRUE(tracks.PredictLive(Wall::PoseAt(5)).empty());
+  EXPECT_TRUE(tracks.ExpectLost(Wall::PoseAt(5), Wall::AllTracks()).empty());
+}
+
+TEST(TrackPlacesOptions, RefusesNonsense) {
+  EXPECT_TRUE(TrackPlacesOptions().Validate().ok());
+  EXPECT_FALSE(TrackPlacesOptions{.max_tracks = 0}.Validate().ok());
+  EXPECT_FALSE(TrackPlacesOptions{.max_distance_factor = 1}.Validate().ok());
 }
 
 }  // namespace
