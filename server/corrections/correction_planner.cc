@@ -59,14 +59,14 @@ SubmapPlacement MakePlacement(const SubmapState& state, const MapSnapshot& snaps
   return placement;
 }
 
-double RelativeMovement(const SubmapState& told, const SubmapState& state,
+double RelativeMovement(const SubmapState& told, const SubmapState& state, double median_depth,
                         const CorrectionOptions& options) {
   if (told.component != state.component ||
       told.world_from_camera.size() != state.world_from_camera.size()) {
     return std::numeric_limits<double>::infinity();
   }
   const double scale = state.world_from_submap.scale;
-  const double depth_in_world = scale * MedianDepth(*state.refined);
+  const double depth_in_world = scale * median_depth;
   double movement = std::abs(std::log(scale / told.world_from_submap.scale)) / options.scale_share;
   for (size_t i = 0; i < state.world_from_camera.size(); ++i) {
     const Rigid3& a = told.world_from_camera[i];
@@ -90,7 +90,7 @@ void CorrectionPlanner::Resume(uint64_t received_map_version, const States& stat
                 [&](const auto& told) { return told.second.map_version > received_map_version; });
   for (const auto& state : states) {
     if (state->moved_at_version <= received_map_version) {
-      told_.try_emplace(SequenceNumber(*state), Told{state, received_map_version, nullptr});
+      told_.try_emplace(SequenceNumber(*state), Told{state, received_map_version});
     }
   }
 }
@@ -99,7 +99,9 @@ bool CorrectionPlanner::MustTell(const std::shared_ptr<const SubmapState>& state
   const auto told = told_.find(SequenceNumber(*state));
   if (told == told_.end()) return true;
   if (told->second.state == state || (!all && told->second.unchanged == state)) return false;
-  if (RelativeMovement(*told->second.state, *state, options_) > (all ? 0.0 : 1.0)) return true;
+  const double movement =
+      RelativeMovement(*told->second.state, *state, told->second.median_depth, options_);
+  if (movement > (all ? 0.0 : 1.0)) return true;
   told->second.unchanged = state;
   return false;
 }
@@ -130,7 +132,7 @@ std::optional<MapCorrection> CorrectionPlanner::Next(const States& states,
     }
     SubmapPlacement placement = MakePlacement(**state, snapshot);
     budget_bytes_ -= EstimateBytes(placement);
-    told_[placement.sequence_number] = {*state, snapshot.version, nullptr};
+    told_.insert_or_assign(placement.sequence_number, Told{*state, snapshot.version});
     correction.submaps.push_back(std::move(placement));
   }
   if (correction.submaps.empty()) return std::nullopt;

@@ -32,6 +32,9 @@ struct CorrectionOptions {
   Status Validate() const;
 };
 
+// Median distance of the landmarks from the submap's origin in submap units; 1 without landmarks.
+double MedianDepth(const RefinedSubmap& refined);
+
 // Remembers what the agent was told. The newest submap is told at once; the others wait while the
 // budget is used up, and are then told as they are at that time. Thread-compatible. `now` is a
 // monotonic clock's time.
@@ -58,7 +61,9 @@ class CorrectionPlanner {
     std::shared_ptr<const SubmapState> state;
     uint64_t map_version = 0;
     // A later state that was found to differ too little.
-    std::shared_ptr<const SubmapState> unchanged;
+    std::shared_ptr<const SubmapState> unchanged = nullptr;
+    // Of its landmarks, in submap units.
+    double median_depth = MedianDepth(*state->refined);
   };
 
   // True if the state is new or differs enough from what was told.
@@ -73,16 +78,14 @@ class CorrectionPlanner {
   bool has_deferred_ = false;
 };
 
-// Median distance of the landmarks from the submap's origin in submap units; 1 without landmarks.
-double MedianDepth(const RefinedSubmap& refined);
-
 // Size of a placement on the wire, within some ten bytes (to an agent of the present protocol).
 double EstimateBytes(const SubmapPlacement& placement);
 
 SubmapPlacement MakePlacement(const SubmapState& state, const MapSnapshot& snapshot);
 
 // How far `state` differs from `told`, as multiples of the options' thresholds; above 1 is told.
-double RelativeMovement(const SubmapState& told, const SubmapState& state,
+// median_depth is that of its landmarks.
+double RelativeMovement(const SubmapState& told, const SubmapState& state, double median_depth,
                         const CorrectionOptions& options);
 
 }  // namespace portolan
