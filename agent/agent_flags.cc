@@ -30,6 +30,9 @@ void AddTracker(TrackerOptions* options, OptionSection section) {
               "least correlation that revives a lost track");
   section.Add("pyramid_levels", &options->pyramid_levels, "levels",
               "pyramid levels above the image; more bridge larger motion between frames");
+  section.Add("gate_px", &options->gate_px, "px",
+              "what is found farther from where a track must be, and than three sigmas, is another "
+              "point");
   section.Add("base_sigma_px", &options->base_sigma_px, "px",
               "standard deviation of a perfect match");
 }

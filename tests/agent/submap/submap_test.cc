@@ -194,5 +194,30 @@ TEST_F(SubmapBuilderTest, CloseBeforeDropsWhatTheFailureSpoiled) {
   EXPECT_EQ(submap.keyframes.back().time, Timestamp(3));
 }
 
+// What linked this submap to the last one is worth four sights, so that both ends of it are sent.
+TEST_F(SubmapBuilderTest, KeepsTheLongestTracksAndThoseThatLink) {
+  options_.max_observations_per_keyframe = 2;
+  builder_ = SubmapBuilder(options_);
+  const auto tracks_of = [](const Submap& submap, size_t keyframe) {
+    std::vector<uint32_t> tracks;
+    for (const Observation& observation : submap.keyframes[keyframe].observations) {
+      tracks.push_back(observation.track.value());
+    }
+    return tracks;
+  };
+  builder_.Open({AgentId("a"), SessionId(1), 0}, LinkType::kConnected);
+  AddKeyframe(0, {1, 2, 3});
+  AddKeyframe(1, {2, 3, 7});
+  const Submap first = builder_.Close({});
+  EXPECT_THAT(tracks_of(first, 0), ElementsAre(2, 3));
+  EXPECT_THAT(tracks_of(first, 1), ElementsAre(2, 3));
+  builder_.Open({AgentId("a"), SessionId(1), 1}, LinkType::kConnected);
+  AddKeyframe(1, {3, 7, 8, 9});
+  for (int i = 2; i < 5; ++i) AddKeyframe(i, {8, 9});
+  const Submap second = builder_.Close({});
+  EXPECT_THAT(tracks_of(second, 0), ElementsAre(3, 8));
+  EXPECT_THAT(tracks_of(second, 1), ElementsAre(8));
+}
+
 }  // namespace
 }  // namespace portolan

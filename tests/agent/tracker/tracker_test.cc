@@ -203,6 +203,45 @@ TEST(Tracker, LosesWhatIsOccludedAndFindsItAgain) {
   }
 }
 
+// After a turn by a right angle only a patch that is turned as well is found.
+TEST(Tracker, FindsAgainWhatLooksTurned) {
+  const WaveTexture texture(22);
+  const auto tracker = MakeTracker();
+  ExpectOk(tracker->Track(Render(texture, {}, kWidth, kHeight), {}, kNoRotation));
+  tracker->Detect();
+  const std::vector<TrackedPoint> before = tracker->points();
+  ExpectOk(tracker->Track(cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(90)), {}, kNoRotation));
+  EXPECT_TRUE(tracker->points().empty());
+  const Eigen::Vector2d centre(kWidth / 2, kHeight / 2);
+  View turned{.affine = RotationScale(0.5 * M_PI, 1.0)};
+  turned.shift = centre - turned.affine * centre;
+  ExpectOk(tracker->Track(Render(texture, turned, kWidth, kHeight), {}, kNoRotation));
+  std::vector<SearchRegion> regions;
+  for (const TrackedPoint& p : before) {
+    const Eigen::Vector2d pixel = turned.Map(p.pixel);
+    if (!TestCamera(kWidth, kHeight).IsInImage(pixel, 11.0)) continue;
+    regions.push_back({p.track, pixel + Eigen::Vector2d(1, -1), Eigen::Matrix2d::Identity()});
+  }
+  ASSERT_GE(regions.size(), 10u);
+  EXPECT_EQ(tracker->lost().size(), before.size());
+  EXPECT_LT(tracker->Reacquire(regions).size(), 0.3 * regions.size());
+  for (SearchRegion& region : regions) region.warp = turned.affine;
+  tracker->Reacquire(regions);
+  EXPECT_GE(tracker->points().size(), 0.9 * regions.size());
+}
+
+// 300 tracks in a small image would be nearer to each other than min_spacing_px.
+TEST(Tracker, SmallImagesHaveFewerTracks) {
+  TrackerOptions options;
+  const auto count = [&options](int width, int height) {
+    return (*Tracker::Create(options, TestCamera(width, height)))->max_points();
+  };
+  EXPECT_EQ(count(752, 480), options.max_points);
+  EXPECT_NEAR(count(320, 240), 320 * 240 / (19.0 * 19.0), 40);
+  options.max_points = 100;
+  EXPECT_EQ(count(320, 240), 100);
+}
+
 std::vector<TrackPrediction> PredictAll(const Tracker& tracker, const Eigen::Vector2d& offset) {
   std::vector<TrackPrediction> predictions;
   for (const TrackedPoint& p : tracker.points()) {
