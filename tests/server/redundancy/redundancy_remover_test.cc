@@ -399,5 +399,30 @@ TEST(RedundancyInTheMap, AllKeyframesLieWhereTheFullAdjustmentHasThem) {
   EXPECT_LT(errors.redundant, 0.006);  // 4 m from the wall
 }
 
+// A short session with a wrong lens: a dozen of its 31 keyframes stay, and find it.
+TEST(RedundancyInTheMap, TheLensIsFoundFromWhatStays) {
+  SyntheticSubmapsOptions options = DenseKeyframes();
+  options.agents = {{0, 1.2, 2, 1.5}};
+  SyntheticMission mission = MakeSyntheticMission(options);
+  mission.camera =
+      std::make_shared<const CameraModel>(mission.camera->WithRadial({0.05, -0.02}).value());
+  MapBuilderOptions doubting;
+  doubting.redundancy.whole_submaps = 0;
+  doubting.aligner.adjuster.trust_distortion = false;
+  MapBuilderOptions held = doubting;
+  held.aligner.adjuster.min_lens_keyframes = 0;
+  const auto rms = [&](const MapBuilderOptions& of) {
+    const auto builder = std::move(MapBuilder::Create(of)).value();
+    IntegrateMission(mission, 0, 99, true, builder.get());
+    size_t kept = 0;
+    for (const auto& state : builder->snapshot()->submaps) {
+      kept += state->world_from_camera.size() - state->refined->redundant_keyframes.size();
+    }
+    EXPECT_LT(kept, 20u);
+    return KeyframeRms(mission, *builder->snapshot(), ComponentId(1));
+  };
+  EXPECT_LT(rms(doubting), 0.4 * rms(held));
+}
+
 }  // namespace
 }  // namespace portolan
