@@ -2,9 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <map>
 #include <numbers>
+#include <optional>
+#include <set>
+#include <span>
 #include <unordered_map>
+#include <utility>
 
 #include "server/alignment/unit_keeping.h"
 

@@ -5,7 +5,6 @@
 #define PORTOLAN_SERVER_ALIGNMENT_MAP_ADJUSTER_H_
 
 #include <atomic>
-#include <set>
 #include <vector>
 
 #include "common/bundle/triangulation.h"

@@ -1,7 +1,7 @@
 #include "server/alignment/map_aligner.h"
 
 #include <algorithm>
-#include <cmath>
+#include <span>
 #include <utility>
 
 #include "common/linear_algebra/dense.h"

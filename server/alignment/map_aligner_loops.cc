@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <memory>
-#include <utility>
 
 #include "common/linear_algebra/dense.h"
 #include "server/alignment/map_aligner.h"

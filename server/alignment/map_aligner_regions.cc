@@ -1,5 +1,6 @@
 // The map aligner's work in large components: everything is bounded to a region.
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <utility>
 

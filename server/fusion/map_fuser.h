@@ -2,6 +2,7 @@
 #ifndef PORTOLAN_SERVER_FUSION_MAP_FUSER_H_
 #define PORTOLAN_SERVER_FUSION_MAP_FUSER_H_
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <set>

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "common/bundle/bundle_terms.h"
 #include "common/linear_algebra/dense.h"

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <set>
 
 #include "server/map_builder.h"
 #include "server/refinement/bundle_covariance.h"
