@@ -31,8 +31,8 @@ class MapBuilder {
   void SetSurvey(std::shared_ptr<const Survey> survey);
 
   // The first half of the way: refinement, recognition and verification, which do not ask how the
-  // map lies. Put the result into the input, and IntegrateSubmap need not do it. One thread may call
-  // this while another one integrates; it sees each submap in the order of their integration.
+  // map lies. Put the result into the input, and IntegrateSubmap need not do it. One thread may
+  // call this while another one integrates; it sees each submap in the order of their integration.
   std::shared_ptr<const PreparedSubmap> Prepare(const SubmapInput& input);
 
   // The first half of that half, for submaps whose turn has not come.

@@ -3,6 +3,7 @@
 #ifndef PORTOLAN_SERVER_SUBMAP_PREPARER_H_
 #define PORTOLAN_SERVER_SUBMAP_PREPARER_H_
 
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>

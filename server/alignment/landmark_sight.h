@@ -2,6 +2,8 @@
 #ifndef PORTOLAN_SERVER_ALIGNMENT_LANDMARK_SIGHT_H_
 #define PORTOLAN_SERVER_ALIGNMENT_LANDMARK_SIGHT_H_
 
+#include <compare>
+
 #include "common/base/strong_id.h"
 
 namespace portolan {

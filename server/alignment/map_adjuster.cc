@@ -2,9 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <map>
 #include <numbers>
+#include <optional>
+#include <set>
+#include <span>
 #include <unordered_map>
+#include <utility>
 
 #include "server/alignment/unit_keeping.h"
 
@@ -364,9 +369,12 @@ class WindowAdjustment {
     for (const SubmapId id : window_) {
       const ModelSubmap& submap = model_.submap(id);
       model_.CarryRedundantKeyframes(id);
-      // Its last keyframe is one of the window's.
+      // The last keyframe of the one and the first of the other are the window's, too.
       if (submap.link && !window_.contains(submap.link->a)) {
         model_.CarryRedundantKeyframes(submap.link->a);
+      }
+      if (submap.successor && !window_.contains(*submap.successor)) {
+        model_.CarryRedundantKeyframes(*submap.successor);
       }
     }
   }

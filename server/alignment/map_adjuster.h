@@ -5,7 +5,6 @@
 #define PORTOLAN_SERVER_ALIGNMENT_MAP_ADJUSTER_H_
 
 #include <atomic>
-#include <set>
 #include <vector>
 
 #include "common/bundle/triangulation.h"
@@ -28,8 +27,9 @@ struct MapAdjusterOptions {
   // How far a fix may be off before it loses weight.
   GeoreferenceFitOptions positions;
   // Lenses of sessions with so many free keyframes are adjusted wherever no keyframe is held, in
-  // the component that has most of the session; 0: never. How far they may be off, at the image's
-  // corner: one that was never calibrated is by 5 to 10 px.
+  // the component that has most of the session; 0: never. Redundant ones count, for those that stay
+  // tell enough. How far lenses may be off, at the image's corner: one that was never calibrated is
+  // by 5 to 10 px.
   int min_lens_keyframes = 24;
   double lens_corner_sigma_px = 5.0;
   // A calibration with distortion is believed. What the map finds for such a lens is about as good:

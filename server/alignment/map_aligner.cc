@@ -1,7 +1,7 @@
 #include "server/alignment/map_aligner.h"
 
 #include <algorithm>
-#include <cmath>
+#include <span>
 #include <utility>
 
 #include "common/linear_algebra/dense.h"
@@ -213,7 +213,7 @@ bool MapAligner::CloseLoops(std::optional<ComponentId> only) {
       if (weights[first + i] > 0.5) closed.insert(&pending_[candidates[i]]);
     }
     if (closed.size() == before) continue;
-    const Similarity3 change = ChangeOfUnit(ids, graph.world_from_node);
+    const Similarity3 change = ChangeOfUnit(ids, 0, graph.world_from_node);
     for (const SubmapId id : ids) {
       model_.MoveSubmap(id, change * graph.world_from_node[nodes.at(id)]);
     }
@@ -226,16 +226,14 @@ bool MapAligner::CloseLoops(std::optional<ComponentId> only) {
   return CloseLoopsLocally(in_large) || !now.empty();
 }
 
-// The graph holds the first submap, its scale too.
-Similarity3 MapAligner::ChangeOfUnit(const std::vector<SubmapId>& ids,
+Similarity3 MapAligner::ChangeOfUnit(const std::vector<SubmapId>& ids, size_t held,
                                      const std::vector<Similarity3>& world_from_submap) const {
   std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> moved;
   for (size_t i = 0; i < ids.size(); ++i) {
-    const ModelSubmap& submap = model_.submap(ids[i]);
-    if (submap.refined->raw->metric) return {};
-    moved.emplace_back(submap.world_from_submap.translation, world_from_submap[i].translation);
+    moved.emplace_back(model_.submap(ids[i]).world_from_submap.translation,
+                       world_from_submap[i].translation);
   }
-  return KeepUnit(moved.front().first, moved);
+  return KeepUnit(moved[held].first, moved);
 }
 
 void MapAligner::Accept(std::shared_ptr<const Closure> closure) {
@@ -284,7 +282,7 @@ void MapAligner::AdjustAround(SubmapId id) {
   MapAdjusterOptions local = options_.adjuster;
   local.bundle.max_iterations = options_.local_iterations;
   const std::vector<SubmapId> ids(window.begin(), window.end());
-  last_adjustment_ = AdjustMap(local, ids, 1, nullptr, &model_);
+  AdjustMap(local, ids, 1, nullptr, &model_);
   Touch(ids);
 }
 
@@ -310,11 +308,11 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
   const bool has_positions = Georeference(component, &positions);
   if (has_positions && !BendToPositions(component, interrupt, &positions)) return;
   MakeMetric(component);
-  last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
-                               has_positions ? &positions : nullptr);
+  const MapAdjustment adjustment = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
+                                             has_positions ? &positions : nullptr);
   Touch(ids);
   ReportErrors(component);
-  if (last_adjustment_.summary.interrupted) return;
+  if (adjustment.summary.interrupted) return;
   stale_.erase(component);
   MakeMetric(component);
   DropFailedClosures(component);

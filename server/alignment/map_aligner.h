@@ -157,7 +157,9 @@ class MapAligner {
   // Of one component, or of all.
   bool CloseLoops(std::optional<ComponentId> only = std::nullopt);
   void Accept(std::shared_ptr<const Closure> closure);
-  Similarity3 ChangeOfUnit(const std::vector<SubmapId>& ids,
+  // Of a component whose graph was solved with one submap held, its scale too. Metric or not: the
+  // graph measures no lengths, and the unit that there was is the best that it knows.
+  Similarity3 ChangeOfUnit(const std::vector<SubmapId>& ids, size_t held,
                            const std::vector<Similarity3>& world_from_submap) const;
   void UniteMatches(const Closure& closure);
   void ErasePending(const std::function<bool(const Closure&)>& predicate);
@@ -185,7 +187,7 @@ class MapAligner {
   void ReportErrors(ComponentId component);
   void ReportPositions(ComponentId component, GeoreferenceReport* report) const;
 
-  // For large components (map_aligner_regions.cc).
+  // Closures inside of large components (map_aligner_loops.cc).
   bool CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> candidates);
   // May not solve: only if it agrees with the map as it is.
   bool AcceptIfItAgrees(const std::shared_ptr<const Closure>& closure, bool may_solve);
@@ -201,6 +203,8 @@ class MapAligner {
   bool SolveAround(const Closure& closure);
   enum class RegionOutcome { kSolved, kTooSmall, kContradicts };
   RegionOutcome SolveRegion(const Closure& closure, const std::vector<SubmapId>& region);
+
+  // Regions of large components (map_aligner_regions.cc).
   void MoveRegion(const std::vector<SubmapId>& region,
                   const std::vector<Similarity3>& world_from_submap);
   // Submaps about the seeds, nearest first.
@@ -271,7 +275,6 @@ class MapAligner {
   std::set<SubmapId> touched_;
   std::set<SubmapId> moved_;
   std::map<SubmapId, std::set<TrackId>> touched_landmarks_;
-  MapAdjustment last_adjustment_;
 };
 
 }  // namespace portolan

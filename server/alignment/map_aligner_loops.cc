@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <memory>
-#include <utility>
 
 #include "common/linear_algebra/dense.h"
 #include "server/alignment/map_aligner.h"
@@ -89,23 +88,28 @@ void MapAligner::JudgeUnjudged(const std::function<bool()>& may_go_on) {
   while (!unjudged_.empty() && may_go_on()) {
     const std::shared_ptr<const Closure> closure = unjudged_.front();
     unjudged_.pop_front();
-    const bool is_inside = seen_.contains(closure.get()) && model_.submap(closure->a).component ==
-                                                                model_.submap(closure->b).component;
-    if (is_inside) AcceptIfItAgrees(closure, true);
+    if (!seen_.contains(closure.get())) continue;
+    if (model_.submap(closure->a).component == model_.submap(closure->b).component) {
+      AcceptIfItAgrees(closure, true);
+    } else {
+      // Its ends came apart. Should they join again, it is judged like a new one.
+      seen_.erase(closure.get());
+    }
   }
 }
 
 void MapAligner::JudgeAgain(ComponentId component) {
+  const auto is_inside = [&](const Closure& closure) {
+    return model_.submap(closure.a).component == component &&
+           model_.submap(closure.b).component == component;
+  };
   std::vector<std::shared_ptr<const Closure>> waiting;
   for (size_t i = 0; i < pending_.size(); ++i) {
-    const Closure& closure = pending_[i];
-    if (seen_.contains(&closure) && model_.submap(closure.a).component == component) {
+    if (seen_.contains(&pending_[i]) && is_inside(pending_[i])) {
       waiting.push_back(pending_.shared(i));
     }
   }
-  std::erase_if(unjudged_, [&](const auto& closure) {
-    return model_.submap(closure->a).component == component;
-  });
+  std::erase_if(unjudged_, [&](const auto& closure) { return is_inside(*closure); });
   for (const auto& closure : waiting) {
     if (!AcceptIfItAgrees(closure, false)) unjudged_.push_back(closure);
   }
@@ -154,7 +158,9 @@ MapAligner::RegionOutcome MapAligner::SolveRegion(const Closure& closure,
       has_rim = true;
     }
   }
-  if (!has_rim) graph.fixed[nodes.at(*std::min_element(region.begin(), region.end()))] = true;
+  const size_t oldest =
+      static_cast<size_t>(std::min_element(region.begin(), region.end()) - region.begin());
+  if (!has_rim) graph.fixed[oldest] = true;
   const bool is_largest =
       !has_rim || region.size() >= static_cast<size_t>(options_.max_loop_region_submaps);
   graph.relations.push_back(
@@ -181,6 +187,10 @@ MapAligner::RegionOutcome MapAligner::SolveRegion(const Closure& closure,
     return RegionOutcome::kTooSmall;
   }
   if (contradicts) return RegionOutcome::kContradicts;
+  if (!has_rim) {
+    const Similarity3 change = ChangeOfUnit(region, oldest, graph.world_from_node);
+    for (Similarity3& pose : graph.world_from_node) pose = change * pose;
+  }
   MoveRegion(region, graph.world_from_node);
   return RegionOutcome::kSolved;
 }

@@ -1,5 +1,6 @@
 // The map aligner's work in large components: everything is bounded to a region.
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <utility>
 
@@ -103,7 +104,7 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
   std::sort(region.begin(), region.end());
   std::vector<Similarity3> before;
   for (const SubmapId id : region) before.push_back(model_.submap(id).world_from_submap);
-  last_adjustment_ = AdjustMap(options_.adjuster, region, 2, &interrupt, &model_);
+  const MapAdjustment adjustment = AdjustMap(options_.adjuster, region, 2, &interrupt, &model_);
   for (size_t i = 0; i < region.size(); ++i) {
     const SubmapId id = region[i];
     if (Movement(model_.submap(id), before[i]) > kRestlessMovement) {
@@ -118,7 +119,7 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     if (submap.successor) touched_.insert(*submap.successor);
     TouchLandmarksOf(id);
   }
-  if (last_adjustment_.summary.interrupted) return;
+  if (adjustment.summary.interrupted) return;
   restless_.erase(seed);
   ++visits_[seed];
   // So are the seed's neighbours, and whoever else had all of its own about it.
@@ -240,11 +241,11 @@ void MapAligner::PolishLargeComponent(const std::atomic<bool>& interrupt) {
   }
   PositionReferences positions;
   const bool has_positions = Georeference(component, &positions);
-  last_adjustment_ = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
-                               has_positions ? &positions : nullptr);
+  const MapAdjustment adjustment = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
+                                             has_positions ? &positions : nullptr);
   Touch(ids);
   ReportErrors(component);
-  if (last_adjustment_.summary.interrupted) return;
+  if (adjustment.summary.interrupted) return;
   unpolished_.erase(component);
   TakeBackFailed(ids);
 }

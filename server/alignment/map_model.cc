@@ -4,7 +4,6 @@
 #include <cmath>
 #include <iterator>
 #include <numeric>
-#include <tuple>
 
 #include "common/base/check.h"
 #include "server/refinement/submap_refiner.h"

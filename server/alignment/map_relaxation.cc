@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <optional>
-#include <utility>
 
 #include "server/alignment/block_system.h"
 #include "server/alignment/relaxation_elements.h"

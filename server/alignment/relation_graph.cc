@@ -158,7 +158,8 @@ class Solver {
     system_.gradient().segment<7>(7 * block) += gradient;
   }
 
-  // *predicted is the cost before the step, and becomes that of the linear model after it.
+  // False: no step. *predicted is the cost before it, and becomes what the linear model, but for
+  // the damping, has for its end.
   bool Step(double lambda, double* predicted) {
     Eigen::VectorXd step;
     if (!system_.Solve(lambda, &step)) return false;

@@ -1,6 +1,7 @@
 #include "server/alignment/relaxation_map.h"
 
 #include <algorithm>
+#include <span>
 #include <utility>
 
 namespace portolan {

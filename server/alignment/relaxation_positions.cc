@@ -1,5 +1,6 @@
 #include "server/alignment/relaxation_positions.h"
 
+#include <array>
 #include <cmath>
 
 #include "common/linear_algebra/dense.h"

@@ -4,6 +4,7 @@
 #include <Eigen/SparseCore>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "common/linear_algebra/dense.h"
 

@@ -1,7 +1,5 @@
 // trajectory, export: the map in the formats of other programs.
-#include <cstdlib>
 #include <iostream>
-#include <limits>
 
 #include "common/base/concat.h"
 #include "server/cli/command.h"

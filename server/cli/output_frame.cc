@@ -1,6 +1,5 @@
 #include "server/cli/output_frame.h"
 
-#include <map>
 #include <optional>
 
 #include "common/base/concat.h"

@@ -3,6 +3,7 @@
 #define PORTOLAN_SERVER_CORRECTIONS_CORRECTION_DISPATCHER_H_
 
 #include <condition_variable>
+#include <cstdint>
 #include <functional>
 #include <map>
 #include <memory>

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <opencv2/imgcodecs.hpp>
 
 #include "absl/strings/str_cat.h"

@@ -6,6 +6,7 @@
 #include <map>
 #include <set>
 #include <utility>
+#include <vector>
 
 namespace portolan {
 namespace {
@@ -127,12 +128,13 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
   const ModelLandmark& landmark = model.landmarks()[index];
   FusedLandmark fused;
   fused.point_in_world = landmark.point_in_world;
+  int inliers = 0;
   std::optional<Eigen::Vector3d> from_first_camera;
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   for (const LandmarkSight& sight : landmark.sights) {
     const ModelSubmap& submap = model.submap(sight.submap);
     const int in_submap = MapModel::LandmarkIndex(*submap.refined, sight.track);
-    const int before = fused.observation_count;
+    const int before = inliers;
     for (const ModelSight& s : submap.sights[in_submap]) {
       if (!s.inlier) continue;
       const Rigid3& pose = submap.world_from_camera[s.keyframe];
@@ -140,14 +142,15 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
       AddInformation(pose, *submap.camera, landmark.point_in_world,
                      submap.refined->raw->keyframes[s.keyframe].observations[s.observation],
                      &information);
-      ++fused.observation_count;
+      ++inliers;
     }
     // Redundant keyframes see it as well, but the estimate owes them nothing.
-    if (fused.observation_count > before) {
+    if (inliers > before) {
       fused.observation_count += submap.refined->landmarks[in_submap].redundant_count;
     }
   }
-  if (fused.observation_count < options_.min_observations) return std::nullopt;
+  fused.observation_count += inliers;
+  if (inliers < options_.min_observations) return std::nullopt;
   // In units of the distance, whatever the length of the world's unit is.
   const double distance = from_first_camera->norm();
   const Eigen::LLT<Eigen::Matrix3d> factor(distance * distance * information);

@@ -2,6 +2,7 @@
 #ifndef PORTOLAN_SERVER_FUSION_MAP_FUSER_H_
 #define PORTOLAN_SERVER_FUSION_MAP_FUSER_H_
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <set>
@@ -12,7 +13,8 @@
 namespace portolan {
 
 struct MapFuserOptions {
-  // A landmark is published once so many keyframes agree on it ...
+  // A landmark is published once so many keyframes agree on it, not counting redundant ones, of
+  // which the estimate knows nothing ...
   int min_observations = 3;
   // ... and its standard deviation, in share of its distance from the cameras, is under this.
   double max_relative_sigma = 0.1;

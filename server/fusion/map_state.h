@@ -62,8 +62,8 @@ struct ComponentState {
   ComponentId id;  // value of its oldest submap's SubmapId
   bool metric = false;
   bool gravity_aligned = false;
-  // Null: neither positions nor metric sensors are known in it. If georeferenced, its world is the site frame, and it is
-  // metric and gravity aligned.
+  // Null: neither positions nor metric sensors are known in it. If georeferenced, its world is the
+  // site frame, and it is metric and gravity aligned.
   std::shared_ptr<const GeoreferenceReport> georeference = nullptr;
 };
 

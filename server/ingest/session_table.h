@@ -2,6 +2,7 @@
 #ifndef PORTOLAN_SERVER_INGEST_SESSION_TABLE_H_
 #define PORTOLAN_SERVER_INGEST_SESSION_TABLE_H_
 
+#include <compare>
 #include <cstdint>
 #include <map>
 #include <memory>

@@ -9,8 +9,8 @@
 
 namespace portolan {
 
-// Thread-compatible: the map thread alone calls it, except for Prepare and Refine. The meaning of each call is
-// MapBuilder's.
+// Thread-compatible: the map thread alone calls it, except for Prepare and Refine. The meaning of
+// each call is MapBuilder's.
 class MapEngine {
  public:
   virtual ~MapEngine() = default;

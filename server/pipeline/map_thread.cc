@@ -109,7 +109,8 @@ void MapThread::Run() {
                (is_settled ? survey_ != nullptr || !waiters_.empty() : queue_.empty());
       });
     };
-    // What is done between two submaps must not depend on how long the next one's preparation takes.
+    // What is done between two submaps must not depend on how long the next one's preparation
+    // takes.
     if (options_.lockstep && !queue_.empty()) {
       wait(false);
       continue;
@@ -168,9 +169,7 @@ std::shared_ptr<MapThread::Entry> MapThread::NextToPrepare() const {
   return nullptr;
 }
 
-bool MapThread::IsBehind() const {
-  return !options_.lockstep && queue_.size() > kPreparedAhead;
-}
+bool MapThread::IsBehind() const { return !options_.lockstep && queue_.size() > kPreparedAhead; }
 
 std::shared_ptr<MapThread::Entry> MapThread::NextToRefine() const {
   if (!IsBehind()) return nullptr;
@@ -187,7 +186,7 @@ void MapThread::AwaitWork(std::unique_lock<std::mutex>* lock) {
     return;
   }
   const auto limit = queue_.front()->prepared_at + options_.background_patience;
-  if (std::chrono::steady_clock::now() >= limit) {
+  if (IsBehind() || std::chrono::steady_clock::now() >= limit) {
     interrupt_ = true;
   } else {
     has_entry_.wait_until(*lock, limit);

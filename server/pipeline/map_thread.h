@@ -80,7 +80,9 @@ class MapThread {
   // A submap in the queue.
   struct Entry {
     SubmapInput input;
-    bool is_taken = false;  // by the preparing thread or, to be refined, by the map thread
+    // By the preparing thread or, to be refined, by the map thread; the preparing thread does not
+    // wait for that, and refines the submap once more if its turn comes before.
+    bool is_taken = false;
     bool is_prepared = false;
     std::chrono::steady_clock::time_point prepared_at = {};
   };
@@ -93,8 +95,8 @@ class MapThread {
   bool IsBehind() const;
   // If the preparing thread is behind: the last of the next submaps that nobody has begun with.
   std::shared_ptr<Entry> NextToRefine() const;
-  // Interrupts background work for which the oldest submap has waited long enough; otherwise waits
-  // for that time, or for something to prepare.
+  // Interrupts background work for which the oldest submap has waited long enough, or too many
+  // wait; otherwise waits for that, or for something to prepare.
   void AwaitWork(std::unique_lock<std::mutex>* lock);
   // True if the map thread may integrate the oldest submap.
   bool HasPrepared() const { return !queue_.empty() && queue_.front()->is_prepared; }

@@ -7,6 +7,8 @@
 #ifndef PORTOLAN_SERVER_POSE_GRAPH_CHORDAL_INITIALIZATION_H_
 #define PORTOLAN_SERVER_POSE_GRAPH_CHORDAL_INITIALIZATION_H_
 
+#include <vector>
+
 #include "common/base/status.h"
 #include "server/pose_graph/pose_graph.h"
 

@@ -15,7 +15,23 @@ namespace {
 
 // Leverages change while landmarks go: they are found anew after this share of those that are left.
 constexpr double kRoundShare = 0.34;
-constexpr int kMinViews = 2;
+
+// In every keyframe most of what is seen of landmarks does.
+bool Agrees(const RedundancyOptions& options, const RefinedSubmap& submap) {
+  const auto agreeing = AgreeingObservations(submap, options.agreeing_chi2);
+  for (size_t k = 0; k < agreeing.size(); ++k) {
+    const std::vector<Observation>& observations = submap.raw->keyframes[k].observations;
+    const auto of_landmarks = std::count_if(
+        observations.begin(), observations.end(),
+        [&](const Observation& one) { return FindLandmark(submap, one.track) != nullptr; });
+    const auto count = std::count(agreeing[k].begin(), agreeing[k].end(), true);
+    if (static_cast<double>(count) <
+        options.min_agreeing_share * static_cast<double>(of_landmarks)) {
+      return false;
+    }
+  }
+  return true;
+}
 
 class Selection {
  public:
@@ -24,8 +40,7 @@ class Selection {
         submap_(submap),
         held_keyframes_(HeldKeyframes()),
         information_(submap, held_keyframes_, options.agreeing_chi2),
-        choice_{std::vector<bool>(submap.raw->keyframes.size(), true),
-                std::vector<bool>(submap.landmarks.size(), true)} {
+        choice_(SubmapChoice::Everything(submap)) {
     for (const Keyframe& keyframe : submap.raw->keyframes) {
       for (const Feature& feature : keyframe.features) {
         if (feature.track) described_.insert(*feature.track);
@@ -34,7 +49,7 @@ class Selection {
   }
 
   SubmapChoice Run() {
-    if (!Agrees() || !information_.Share(choice_)) return choice_;
+    if (!information_.is_determined()) return choice_;
     if (options_.min_keyframe_information < 1) RemoveKeyframes();
     if (options_.min_landmark_information < 1) RemoveLandmarks();
     return choice_;
@@ -43,22 +58,7 @@ class Selection {
  private:
   using Track = SubmapInformation::Track;
   using View = SubmapInformation::View;
-
-  bool Agrees() const {
-    const auto agreeing = AgreeingObservations(submap_, options_.agreeing_chi2);
-    for (size_t k = 0; k < agreeing.size(); ++k) {
-      const std::vector<Observation>& observations = submap_.raw->keyframes[k].observations;
-      const auto of_landmarks = std::count_if(
-          observations.begin(), observations.end(),
-          [&](const Observation& one) { return FindLandmark(submap_, one.track) != nullptr; });
-      const auto count = std::count(agreeing[k].begin(), agreeing[k].end(), true);
-      if (static_cast<double>(count) <
-          options_.min_agreeing_share * static_cast<double>(of_landmarks)) {
-        return false;
-      }
-    }
-    return true;
-  }
+  static constexpr int kMinViews = SubmapInformation::kMinViews;
 
   // Neighbours share the first and the last, closures come from the described ones.
   std::vector<int> HeldKeyframes() const {
@@ -120,7 +120,8 @@ class Selection {
   // A landmark that too few keyframes see is none.
   void DropUnseen(SubmapChoice* choice) const {
     for (size_t i = 0; i < choice->landmarks.size(); ++i) {
-      if (ViewCount(information_.tracks()[i], choice->keyframes) < kMinViews) {
+      const Track& track = information_.tracks()[i];
+      if (SubmapInformation::ViewCount(track, choice->keyframes) < kMinViews) {
         choice->landmarks[i] = false;
       }
     }
@@ -140,12 +141,6 @@ class Selection {
     return least;
   }
 
-  static int ViewCount(const Track& track, const std::vector<bool>& keyframes) {
-    return static_cast<int>(
-        std::count_if(track.views.begin(), track.views.end(),
-                      [&](const View& view) { return keyframes[view.keyframe]; }));
-  }
-
   // By keyframe: how much, on average over its landmarks, the information on their positions drops
   // without it (1: all).
   std::vector<double> KeyframeLosses() const {
@@ -156,7 +151,7 @@ class Selection {
       if (!choice_.landmarks[i]) continue;
       const Eigen::Matrix3d whole = information_.PointInformation(track, choice_.keyframes);
       const double determinant = whole.determinant();
-      const bool is_short = ViewCount(track, choice_.keyframes) <= kMinViews;
+      const bool is_short = SubmapInformation::ViewCount(track, choice_.keyframes) <= kMinViews;
       for (const View& view : track.views) {
         if (!choice_.keyframes[view.keyframe]) continue;
         const Eigen::Matrix3d left = whole - view.d_point.transpose() * view.d_point;
@@ -169,7 +164,7 @@ class Selection {
     return sums;
   }
 
-  // Those with the least leverage first, in rounds; the last one is bisected.
+  // Those with the least leverage first, in rounds; the last one is halved until it fits.
   void RemoveLandmarks() {
     const std::optional<double> before = information_.Share(choice_);
     if (!before) return;
@@ -282,6 +277,7 @@ StatusOr<RedundancyRemover> RedundancyRemover::Create(const RedundancyOptions& o
 }
 
 SubmapChoice RedundancyRemover::Choose(const RefinedSubmap& submap) const {
+  if (!Agrees(options_, submap)) return SubmapChoice::Everything(submap);
   return Selection(options_, submap).Run();
 }
 
@@ -292,6 +288,7 @@ std::shared_ptr<const RefinedSubmap> RedundancyRemover::Remove(
       (options_.min_keyframe_information >= 1 && options_.min_landmark_information >= 1);
   if (keeps_all || submap->landmarks.empty() || submap->raw->keyframes.size() < 2) return submap;
   const SubmapChoice choice = Choose(*submap);
+  if (choice.IsEverything()) return submap;
   auto reduced = std::make_shared<RefinedSubmap>(*submap);
   reduced->landmarks.clear();
   for (size_t i = 0; i < submap->landmarks.size(); ++i) {

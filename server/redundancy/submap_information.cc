@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "common/bundle/bundle_terms.h"
 #include "common/linear_algebra/dense.h"
@@ -41,13 +42,7 @@ SubmapInformation::SubmapInformation(const RefinedSubmap& submap, const std::vec
     : median_depth_(MedianDepthOf(submap)) {
   AddViews(submap, agreeing_chi2);
   HoldScale(submap, ends);
-  const SubmapChoice all{std::vector<bool>(submap.raw->keyframes.size(), true),
-                         std::vector<bool>(submap.landmarks.size(), true)};
-  const Eigen::MatrixXd information = PoseInformation(all);
-  full_covariance_ = Eigen::MatrixXd::Identity(information.rows(), information.cols());
-  if (!SolvePositiveDefinite(information, full_covariance_) || !full_covariance_.allFinite()) {
-    full_covariance_.resize(0, 0);
-  }
+  all_log_determinants_ = LogDeterminants(SubmapChoice::Everything(submap));
 }
 
 void SubmapInformation::AddViews(const RefinedSubmap& submap, double agreeing_chi2) {
@@ -110,6 +105,12 @@ std::vector<int> SubmapInformation::RowsOf(const std::vector<bool>& keyframes) {
   return rows;
 }
 
+int SubmapInformation::ViewCount(const Track& track, const std::vector<bool>& keyframes) {
+  return static_cast<int>(
+      std::count_if(track.views.begin(), track.views.end(),
+                    [&](const View& view) { return keyframes[view.keyframe]; }));
+}
+
 Eigen::Matrix3d SubmapInformation::PointInformation(const Track& track,
                                                     const std::vector<bool>& keyframes) const {
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
@@ -129,9 +130,7 @@ Eigen::MatrixXd SubmapInformation::PoseInformation(const SubmapChoice& choice) c
   for (size_t i = 0; i < tracks_.size(); ++i) {
     if (!choice.landmarks[i]) continue;
     couplings.clear();
-    int views = 0;
-    for (const View& view : tracks_[i].views) views += choice.keyframes[view.keyframe] ? 1 : 0;
-    if (views < 2) continue;
+    if (ViewCount(tracks_[i], choice.keyframes) < kMinViews) continue;
     for (const View& view : tracks_[i].views) {
       const int row = rows[view.keyframe];
       if (row == kNoRow) continue;
@@ -157,28 +156,35 @@ Eigen::MatrixXd SubmapInformation::PoseInformation(const SubmapChoice& choice) c
   return information;
 }
 
-std::optional<double> SubmapInformation::Share(const SubmapChoice& choice) const {
+std::vector<double> SubmapInformation::LogDeterminants(const SubmapChoice& choice) const {
   const std::vector<int> rows = RowsOf(choice.keyframes);
   const Eigen::MatrixXd information = PoseInformation(choice);
-  if (full_covariance_.size() == 0 || information.size() == 0) return std::nullopt;
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Identity(information.rows(), information.cols());
-  if (!SolvePositiveDefinite(information, covariance)) return std::nullopt;
-  double least = 1;
+  if (information.size() == 0 || !SolvePositiveDefinite(information, covariance)) return {};
+  std::vector<double> log_determinants(rows.size(), 0);
   for (size_t k = 1; k < rows.size(); ++k) {
     if (rows[k] == kNoRow) continue;
-    const Matrix6d kept = covariance.block<6, 6>(rows[k], rows[k]);
-    const int row = kPoseSize * (static_cast<int>(k) - 1);
-    const Matrix6d full = full_covariance_.block<6, 6>(row, row);
-    const std::optional<double> log_kept = LogDeterminant(kept);
-    const std::optional<double> log_full = LogDeterminant(full);
-    if (!log_kept || !log_full) return std::nullopt;
-    least = std::min(least, std::exp((*log_full - *log_kept) / kPoseSize));
+    const std::optional<double> one = LogDeterminant(covariance.block<6, 6>(rows[k], rows[k]));
+    if (!one) return {};
+    log_determinants[k] = *one;
+  }
+  return log_determinants;
+}
+
+std::optional<double> SubmapInformation::Share(const SubmapChoice& choice) const {
+  const std::vector<double> kept = LogDeterminants(choice);
+  if (!is_determined() || kept.empty()) return std::nullopt;
+  double least = 1;
+  for (size_t k = 1; k < kept.size(); ++k) {
+    if (!choice.keyframes[k]) continue;
+    least = std::min(least, std::exp((all_log_determinants_[k] - kept[k]) / kPoseSize));
   }
   return least;
 }
 
 double SubmapInformation::Leverage(size_t track, const SubmapChoice& choice,
                                    const Eigen::MatrixXd& covariance) const {
+  if (ViewCount(tracks_[track], choice.keyframes) < kMinViews) return 0;
   const std::vector<int> rows = RowsOf(choice.keyframes);
   double leverage = 0;
   std::vector<std::pair<int, Matrix36d>> couplings;

@@ -3,6 +3,8 @@
 #ifndef PORTOLAN_SERVER_REDUNDANCY_SUBMAP_INFORMATION_H_
 #define PORTOLAN_SERVER_REDUNDANCY_SUBMAP_INFORMATION_H_
 
+#include <Eigen/Core>
+#include <algorithm>
 #include <optional>
 #include <vector>
 
@@ -14,6 +16,17 @@ namespace portolan {
 struct SubmapChoice {
   std::vector<bool> keyframes;  // parallel to raw->keyframes
   std::vector<bool> landmarks;  // parallel to landmarks
+
+  static SubmapChoice Everything(const RefinedSubmap& submap) {
+    return {std::vector<bool>(submap.raw->keyframes.size(), true),
+            std::vector<bool>(submap.landmarks.size(), true)};
+  }
+  bool IsEverything() const {
+    const auto all = [](const std::vector<bool>& chosen) {
+      return std::find(chosen.begin(), chosen.end(), false) == chosen.end();
+    };
+    return all(keyframes) && all(landmarks);
+  }
 };
 
 // Immutable. Keyframe 0 is the gauge, and the scale is held: the distances of the keyframes in
@@ -37,6 +50,12 @@ class SubmapInformation {
                     double agreeing_chi2);
 
   const std::vector<Track>& tracks() const { return tracks_; }  // parallel to the landmarks
+  // The poses are, from everything.
+  bool is_determined() const { return !all_log_determinants_.empty(); }
+
+  // A track tells of the poses only if so many chosen keyframes see it.
+  static constexpr int kMinViews = 2;
+  static int ViewCount(const Track& track, const std::vector<bool>& keyframes);
 
   // Information of a track's point, its views in chosen keyframes from known poses.
   Eigen::Matrix3d PointInformation(const Track& track, const std::vector<bool>& keyframes) const;
@@ -51,7 +70,8 @@ class SubmapInformation {
   std::optional<double> Share(const SubmapChoice& choice) const;
 
   // How much of the pose information a track is: trace(covariance * its information), of the sum of
-  // all, which is six a pose. `covariance` is the inverse of PoseInformation(choice).
+  // all, which is six a pose; zero with fewer than kMinViews. `covariance` is the inverse of
+  // PoseInformation(choice).
   double Leverage(size_t track, const SubmapChoice& choice,
                   const Eigen::MatrixXd& covariance) const;
 
@@ -62,12 +82,14 @@ class SubmapInformation {
   void HoldScale(const RefinedSubmap& submap, const std::vector<int>& ends);
   // First row of each keyframe's pose; kNoRow for the first and for those not chosen.
   static std::vector<int> RowsOf(const std::vector<bool>& keyframes);
+  // Of the covariance of each chosen pose but the first, by keyframe; empty if not determined.
+  std::vector<double> LogDeterminants(const SubmapChoice& choice) const;
 
   std::vector<Track> tracks_;
   Eigen::VectorXd scale_direction_;  // over all poses but the first
   double median_depth_ = 1;
-  // Of all poses from everything, to compare with; empty if not determined.
-  Eigen::MatrixXd full_covariance_;
+  // From everything, to compare with.
+  std::vector<double> all_log_determinants_;
 };
 
 }  // namespace portolan

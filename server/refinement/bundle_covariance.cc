@@ -1,7 +1,8 @@
 #include "server/refinement/bundle_covariance.h"
 
+#include <algorithm>
 #include <array>
-#include <cmath>
+#include <utility>
 
 #include "common/linear_algebra/dense.h"
 #include "server/refinement/bundle_costs.h"

@@ -21,9 +21,9 @@ constexpr double kRelativeVarianceFloor = 1e-10;
 // The trial of the depth-reversed start ends after three iterations if it still costs this many
 // times as much; it then takes a tenth of the refinement's time instead of a third.
 constexpr double kHopelessCost = 4.0;
-// ... and of a submap that costs no more than this an observation, first of all it has so many of the
-// tracks, if there are twice as many: whether it is better shows in a part. Trials of all submaps so
-// cost 1 mm of 7 on 7-Scenes redkitchen.
+// ... and of a submap that costs no more than this an observation, first of all it has so many of
+// the tracks, if there are twice as many: whether it is better shows in a part. Trials of all
+// submaps so cost 1 mm of 7 on 7-Scenes redkitchen.
 constexpr double kSoundCost = 1.6;
 constexpr size_t kTrialTracks = 60;
 

@@ -4,10 +4,12 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <cstdint>
 #include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <utility>
 
 #include "proto/agent_service.pb.h"
 #include "server/rpc/server_context.h"

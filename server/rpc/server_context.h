@@ -2,7 +2,6 @@
 #ifndef PORTOLAN_SERVER_RPC_SERVER_CONTEXT_H_
 #define PORTOLAN_SERVER_RPC_SERVER_CONTEXT_H_
 
-#include <atomic>
 #include <string>
 
 #include "server/corrections/correction_dispatcher.h"

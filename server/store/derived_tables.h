@@ -3,6 +3,7 @@
 #define PORTOLAN_SERVER_STORE_DERIVED_TABLES_H_
 
 #include <memory>
+#include <string>
 #include <unordered_map>
 #include <vector>
 

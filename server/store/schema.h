@@ -2,6 +2,8 @@
 #ifndef PORTOLAN_SERVER_STORE_SCHEMA_H_
 #define PORTOLAN_SERVER_STORE_SCHEMA_H_
 
+#include <cstdint>
+
 #include "server/store/sqlite.h"
 
 namespace portolan {

@@ -3,6 +3,7 @@
 #define PORTOLAN_SERVER_STORE_SQLITE_MAP_STORE_H_
 
 #include <atomic>
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>

@@ -2,8 +2,6 @@
 #ifndef PORTOLAN_SERVER_VERIFICATION_RIVALS_H_
 #define PORTOLAN_SERVER_VERIFICATION_RIVALS_H_
 
-#include <vector>
-
 #include "server/verification/pair_evidence.h"
 #include "server/verification/similarity_ransac.h"
 

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <random>
-#include <utility>
 
 #include "server/verification/three_point_pose.h"
 

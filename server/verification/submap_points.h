@@ -2,6 +2,7 @@
 #ifndef PORTOLAN_SERVER_VERIFICATION_SUBMAP_POINTS_H_
 #define PORTOLAN_SERVER_VERIFICATION_SUBMAP_POINTS_H_
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 

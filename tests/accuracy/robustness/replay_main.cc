@@ -2,10 +2,11 @@
 // seeds and with the background work at other times, and prints what the maps are like. A part
 // whose own ATE exceeds 3 % of the agents' mean path was put together wrongly.
 //
-//   portolan-replay --groundtruth PATH [--runs N] [--first-run N] [--no-background]
+//   portolan-replay --groundtruth PATH [--runs N] [--first-run N] [--no-background] [--verbose]
 //                   [--keyframe-information S] [--landmark-information S] FOLDER...
 //
-// The shares are those of server/redundancy; 1 keeps everything. The last columns are what the map
+// The shares are those of server/redundancy; 1 keeps everything. With either, no submap stays whole
+// for being one of the first (whole_submaps is 0). The last columns are what the map
 // goes on with (keyframes, landmarks of submaps, the landmarks that it publishes, and observations)
 // and the CPU time of the background work.
 //
@@ -172,9 +173,12 @@ int Main(int argc, char** argv) {
     }
   }
   if (arguments.groundtruth.empty() || arguments.folders.empty()) {
-    std::fprintf(stderr,
-                 "usage: portolan-replay --groundtruth FILE [--runs N] [--verbose] "
-                 "FOLDER...\n");
+    std::fprintf(
+        stderr,
+        "usage: portolan-replay --groundtruth PATH [--runs N] [--first-run N]\n"
+        "    [--no-background] [--verbose] FOLDER...\n"
+        "    [--keyframe-information S] [--landmark-information S]   redundancy, from the\n"
+        "        first submap on (whole_submaps 0); without, from the 81st\n");
     return 2;
   }
   const Status status = Run(arguments);

@@ -1,6 +1,5 @@
 #include "tests/benchmark/replay/map_error.h"
 
-#include <algorithm>
 #include <cmath>
 #include <map>
 

@@ -6,7 +6,9 @@
 //                    [--polish]            background work to its end, at the end
 //                    [--rebuild]           the same from the raw submaps once more
 //                    [--keyframe_information S] [--landmark_information S] [--whole_submaps N]
-//                                          see server/redundancy; 1 keeps everything
+//                                          see server/redundancy; shares of 1 keep everything, and
+//                                          so does N for the first N (80); its README's figures
+//                                          are with --whole_submaps 0
 #include <time.h>
 
 #include <algorithm>

@@ -11,35 +11,45 @@ namespace {
 // One session of three submaps, adjusted.
 class MapAdjusterTest : public ::testing::Test {
  protected:
-  MapAdjusterTest() {
-    options_.agents = {{0, 1.8, 3, 1.5}};
-    const SyntheticMission mission = MakeSyntheticMission(options_);
+  // Of the last submap some keyframes may be redundant.
+  void Make(const SyntheticSubmapsOptions& options, const std::vector<int>& redundant = {}) {
+    const SyntheticMission mission = MakeSyntheticMission(options);
     const SubmapRefiner refiner = SubmapRefiner::Create({}).value();
     std::shared_ptr<const RefinedSubmap> last;
     for (const SyntheticSubmap& submap : mission.submaps) {
-      const auto refined = refiner.Refine(submap.id, submap.submap, mission.camera);
+      auto refined = std::make_shared<RefinedSubmap>(
+          *refiner.Refine(submap.id, submap.submap, mission.camera));
+      if (ids_.size() == 2) refined->redundant_keyframes = redundant;
       const auto link =
           last == nullptr ? std::nullopt : std::optional(LinkToPredecessor({}, *last, *refined));
       model_.Add(refined, link);
       ids_.push_back(submap.id);
+      truth_.push_back(submap.world_from_camera);
       last = refined;
     }
+    ASSERT_EQ(ids_.size(), 3u);
     AdjustMap({}, ids_, 2, nullptr, &model_);
+  }
+
+  static SyntheticSubmapsOptions OneSession() {
+    SyntheticSubmapsOptions options;
+    options.agents = {{0, 1.8, 3, 1.5}};
+    return options;
   }
 
   Eigen::Vector3d CentreOf(size_t submap, size_t keyframe) const {
     return model_.submap(ids_[submap]).world_from_camera[keyframe].translation;
   }
 
-  SyntheticSubmapsOptions options_;
   MapModel model_{MapModelOptions()};
   std::vector<SubmapId> ids_;
+  std::vector<std::vector<Rigid3>> truth_;  // parallel
 };
 
 // The farthest camera is one of a submap that is placed with a wrong scale. Once that is mended the
 // others are where they were.
 TEST_F(MapAdjusterTest, TheUnitDoesNotFollowABadlyPlacedSubmap) {
-  ASSERT_EQ(ids_.size(), 3u);
+  Make(OneSession());
   const Eigen::Vector3d origin = CentreOf(0, 0);
   const double near = (CentreOf(1, 5) - origin).norm();
   const double far = (CentreOf(2, 9) - origin).norm();
@@ -52,6 +62,48 @@ TEST_F(MapAdjusterTest, TheUnitDoesNotFollowABadlyPlacedSubmap) {
   AdjustMap({}, ids_, 2, nullptr, &model_);
   EXPECT_NEAR((CentreOf(1, 5) - CentreOf(0, 0)).norm(), near, 0.01 * near);
   EXPECT_NEAR((CentreOf(2, 9) - CentreOf(0, 0)).norm(), far, 0.02 * far);
+}
+
+// Sensors have measured it: a world of another unit is put right, not kept.
+TEST_F(MapAdjusterTest, TheUnitFollowsMetricSubmaps) {
+  SyntheticSubmapsOptions options = OneSession();
+  options.metric = true;
+  Make(options);
+  const ComponentId component = model_.submap(ids_[0]).component;
+  model_.MoveComponent(component, component, Similarity3::FromRigid({}, 1.2));
+  AdjustMap({}, ids_, 2, nullptr, &model_);
+  const double truth = (truth_[2][9].translation - truth_[0][0].translation).norm();
+  EXPECT_NEAR((CentreOf(2, 9) - CentreOf(0, 0)).norm(), truth, 0.04 * truth);
+}
+
+// What is held tells the unit, and the window comes to it.
+TEST_F(MapAdjusterTest, AWindowTakesTheUnitOfWhatIsHeld) {
+  Make(OneSession());
+  const double step = (CentreOf(2, 9) - CentreOf(2, 4)).norm();
+  std::vector<Eigen::Vector3d> held;
+  for (size_t k = 0; k < 9; ++k) held.push_back(CentreOf(1, k));
+  Similarity3 wrong = model_.submap(ids_[2]).world_from_submap;
+  wrong.scale *= 1.3;
+  model_.MoveSubmap(ids_[2], wrong);
+  AdjustMap({}, {ids_[2]}, 2, nullptr, &model_);
+  for (size_t k = 0; k < held.size(); ++k) EXPECT_EQ(CentreOf(1, k), held[k]) << k;
+  EXPECT_NEAR((CentreOf(2, 9) - CentreOf(2, 4)).norm(), step, 0.03 * step);
+}
+
+// The first keyframe of the submap behind a window is the window's last.
+TEST_F(MapAdjusterTest, RedundantKeyframesBehindTheWindowFollow) {
+  Make(OneSession(), {1, 2, 4});
+  const Eigen::Vector3d first = CentreOf(2, 0);
+  Similarity3 wrong = model_.submap(ids_[1]).world_from_submap;
+  wrong.scale *= 1.1;
+  model_.MoveSubmap(ids_[1], wrong);
+  AdjustMap({}, {ids_[1]}, 1, nullptr, &model_);
+  ASSERT_GT((CentreOf(2, 0) - first).norm(), 1e-9);
+  MapModel carried = model_;
+  carried.CarryRedundantKeyframes(ids_[2]);
+  for (const size_t k : {1, 2, 4}) {
+    EXPECT_EQ(CentreOf(2, k), carried.submap(ids_[2]).world_from_camera[k].translation) << k;
+  }
 }
 
 }  // namespace

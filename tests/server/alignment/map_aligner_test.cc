@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 
 #include "server/refinement/submap_refiner.h"
@@ -58,6 +59,27 @@ class MapAlignerTest : public ::testing::Test {
   void Polish() {
     const std::atomic<bool> never = false;
     while (aligner_.HasBackgroundWork()) aligner_.AdjustStaleComponent(never);
+  }
+
+  // Of the submaps from the first one.
+  std::vector<double> Distances() const {
+    std::vector<double> distances;
+    const Eigen::Vector3d origin =
+        aligner_.model().submap(SubmapId(1)).world_from_submap.translation;
+    for (const auto& [id, submap] : aligner_.model().submaps()) {
+      if (id == SubmapId(1)) continue;
+      distances.push_back((submap.world_from_submap.translation - origin).norm());
+    }
+    return distances;
+  }
+
+  // The median factor by which distances grew; some others, or nothing is tested.
+  static double GrowthOfMost(const std::vector<double>& before, const std::vector<double>& after) {
+    std::vector<double> ratios;
+    for (size_t i = 0; i < before.size(); ++i) ratios.push_back(after[i] / before[i]);
+    std::sort(ratios.begin(), ratios.end());
+    EXPECT_GT(ratios.back() - ratios.front(), 2e-3);
+    return ratios[ratios.size() / 2];
   }
 
   double Rms() const {
@@ -272,6 +294,70 @@ TEST_F(MapAlignerTest, ClosuresBeyondTheCreditWaitForTheBackground) {
   EXPECT_EQ(aligner_.waiting_closures().size(), 1u);
   Polish();
   EXPECT_EQ(aligner_.waiting_closures().size(), 0u);
+}
+
+// A closure finds a chain whose scale has drifted. The graph, of a small component or of all of a
+// large one, holds the first submap; metric or not, most submaps stay as far from it as they were.
+TEST_F(MapAlignerTest, AClosureKeepsTheUnit) {
+  SyntheticSubmapsOptions world;
+  world.agents = {{0, 3, 10, 1.5}};
+  for (const bool metric : {false, true}) {
+    world.metric = metric;
+    refined_.clear();
+    Make(world);
+    Vector7d error = Vector7d::Zero();
+    error[6] = metric ? 0.012 : 0.03;
+    Closure closure = MakeClosure(1, 5, error);
+    closure.information = 1e6 * Matrix7d::Identity();
+    for (const int full : {80, 3}) {
+      SCOPED_TRACE(testing::Message() << metric << " " << full);
+      MapAlignerOptions options;
+      options.full_component_submaps = full;
+      options.relations = {0.002, 0.002, 0.002, 3000};
+      aligner_ = MapAligner(options);
+      AddAll();
+      const std::vector<double> before = Distances();
+      aligner_.AddClosures({closure});
+      ASSERT_EQ(aligner_.closures().size(), 1u);
+      // Submaps that moved by less than 1e-4 of their size were left where they were.
+      EXPECT_NEAR(GrowthOfMost(before, Distances()), 1, full == 3 ? 2e-4 : 1e-9);
+    }
+  }
+}
+
+// Two sessions, metric each, are joined by a wrong closure and come apart again. One that waits
+// between them agrees with where they lie then, by chance: that unites nothing, for they are two
+// worlds.
+TEST_F(MapAlignerTest, ClosureBetweenPartsThatCameApartWaits) {
+  SyntheticSubmapsOptions world;
+  world.metric = true;
+  world.agents = {{0, 2.5, 5, 1.5}, {3.2, 5.7, 5, 1.4}};
+  Make(world);
+  MapAlignerOptions options;
+  options.full_component_submaps = 3;
+  Vector7d error;
+  error << 0.3, 0, 0.1, 0.1, 0, 0, 0.1;
+  Closure wrong = MakeClosure(1, 2, error, 60);
+  wrong.a_from_b = Similarity3::Exp(0.8 * Vector7d::Unit(6));
+  ASSERT_GE(wrong.matches.size(), 40u);
+  Closure late = MakeClosure(5, 6, error, 15);
+  const auto run = [&] {
+    aligner_ = MapAligner(options);
+    AddAll();
+    aligner_.AddClosures({wrong});
+    EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 10u);
+    aligner_.AddClosures({late});
+    EXPECT_EQ(aligner_.waiting_closures().size(), 1u);
+    Polish();
+    EXPECT_EQ(aligner_.model().SubmapsOf(ComponentId(1)).size(), 5u);
+  };
+  run();
+  const MapModel& model = aligner_.model();
+  late.a_from_b =
+      model.submap(late.a).world_from_submap.Inverse() * model.submap(late.b).world_from_submap;
+  run();
+  EXPECT_TRUE(aligner_.closures().empty());
+  EXPECT_EQ(aligner_.waiting_closures().size(), 1u);
 }
 
 TEST_F(MapAlignerTest, TouchedSubmapsAreReportedOnce) {

@@ -138,6 +138,24 @@ TEST_F(MapFuserTest, RestoredAlignerFusesTheSameMap) {
   }
 }
 
+// What redundant keyframes see is told, but makes no landmark of two views worth publishing.
+TEST_F(MapFuserTest, RedundantSightsAreCountedButDoNotPublish) {
+  const SubmapRefiner refiner = SubmapRefiner::Create({}).value();
+  const SyntheticSubmap& first = mission_.submaps.front();
+  RefinedSubmap refined = *refiner.Refine(first.id, first.submap, mission_.camera);
+  for (RefinedLandmark& landmark : refined.landmarks) landmark.redundant_count = 100;
+  MapAligner aligner{MapAlignerOptions()};
+  aligner.AddSubmap(std::make_shared<const RefinedSubmap>(refined));
+  MapFuserOptions strict;
+  strict.min_observations = 8;
+  const auto snapshot = MapFuser(strict).Fuse({}, &aligner);
+  ASSERT_FALSE(snapshot->submaps.front()->landmarks.empty());
+  EXPECT_LT(snapshot->submaps.front()->landmarks.size(), refined.landmarks.size() / 2);
+  for (const FusedLandmark& landmark : snapshot->submaps.front()->landmarks) {
+    EXPECT_GE(landmark.observation_count, 108);
+  }
+}
+
 TEST_F(MapFuserTest, PoorLandmarksAreNotPublished) {
   MapFuserOptions strict;
   strict.max_relative_sigma = 1e-6;

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <future>
-#include <map>
 
 #include "tests/server/support/memory_map_store.h"
 #include "tests/server/support/test_submaps.h"

@@ -40,8 +40,8 @@ TEST(LargeMap, RegionsGetAsExactAsTheWhole) {
 }
 
 // Without the adjustment of the whole in the end. With relaxations between the regions the loop
-// comes from 5.9 mm to 2.2 mm, as a whole to 2.3 mm. (While new submaps were adjusted alone it began
-// at 36 mm, and had to come under a fifth of that: now it has to begin there.)
+// comes from 5.9 mm to 2.2 mm, as a whole to 2.3 mm. (While new submaps were adjusted alone it
+// began at 36 mm, and had to come under a fifth of that: now it has to begin there.)
 TEST(LargeMap, RegionsAndRelaxationsCloseALoop) {
   SyntheticSubmapsOptions world;
   world.agents = {{0, 6.8, 24, 1.5}};

@@ -202,11 +202,18 @@ TEST(MapBuilder, AgentsThatNeverMeetStayApart) {
   }
 }
 
-TEST(MapBuilder, RestoredMapContinuesLikeTheUndisturbedOne) {
+// With and without redundancy.
+class RestoredMap : public ::testing::TestWithParam<int> {};
+
+INSTANTIATE_TEST_SUITE_P(WholeSubmaps, RestoredMap, ::testing::Values(80, 0));
+
+TEST_P(RestoredMap, ContinuesLikeTheUndisturbedOne) {
   const SyntheticMission mission = MakeSyntheticMission(ThreeAgents());
-  const auto undisturbed = MakeBuilder();
+  MapBuilderOptions options;
+  options.redundancy.whole_submaps = GetParam();
+  const auto undisturbed = MakeBuilder(options);
   IntegrateMission(mission, 0, 9, true, undisturbed.get());
-  const auto restarted = MakeBuilder();
+  const auto restarted = MakeBuilder(options);
   restarted->Restore(undisturbed->snapshot());
   EXPECT_EQ(restarted->snapshot()->version, undisturbed->snapshot()->version);
   IntegrateMission(mission, 9, 99, true, undisturbed.get());
@@ -215,6 +222,7 @@ TEST(MapBuilder, RestoredMapContinuesLikeTheUndisturbedOne) {
   const auto b = restarted->snapshot();
   ASSERT_EQ(a->submaps.size(), b->submaps.size());
   EXPECT_EQ(a->components.size(), b->components.size());
+  EXPECT_EQ(a->submaps.back()->refined->redundant_keyframes.empty(), GetParam() > 0);
   // Marginal closures may be judged differently: unpublished landmarks start anew.
   EXPECT_NEAR(static_cast<double>(a->closures->size()), static_cast<double>(b->closures->size()),
               2);

@@ -13,7 +13,7 @@
 namespace portolan {
 namespace {
 
-std::unique_ptr<MapBuilder> MakePreparingBuilder(const MapBuilderOptions& options = {}) {
+std::unique_ptr<MapBuilder> MakePreparingBuilder(const MapBuilderOptions& options) {
   return std::move(MapBuilder::Create(options)).value();
 }
 
@@ -64,7 +64,7 @@ void ExpectEqual(const MapSnapshot& a, const MapSnapshot& b) {
 }
 
 std::shared_ptr<const MapSnapshot> IntegratedInline(const std::vector<SubmapInput>& inputs,
-                                                    const MapBuilderOptions& options = {}) {
+                                                    const MapBuilderOptions& options) {
   const auto builder = MakePreparingBuilder(options);
   for (const SubmapInput& input : inputs) {
     builder->IntegrateSubmap(input);
@@ -73,10 +73,20 @@ std::shared_ptr<const MapSnapshot> IntegratedInline(const std::vector<SubmapInpu
   return builder->snapshot();
 }
 
-TEST(SubmapPreparer, PreparedFarAheadIsTheSameAsInline) {
+// With and without redundancy.
+class PreparedAhead : public ::testing::TestWithParam<int> {
+ protected:
+  PreparedAhead() { options_.redundancy.whole_submaps = GetParam(); }
+
+  MapBuilderOptions options_;
+};
+
+INSTANTIATE_TEST_SUITE_P(WholeSubmaps, PreparedAhead, ::testing::Values(80, 0));
+
+TEST_P(PreparedAhead, FarAheadIsTheSameAsInline) {
   std::vector<SubmapInput> inputs = Inputs();
-  const auto inline_map = IntegratedInline(inputs);
-  const auto builder = MakePreparingBuilder();
+  const auto inline_map = IntegratedInline(inputs, options_);
+  const auto builder = MakePreparingBuilder(options_);
   for (SubmapInput& input : inputs) input.prepared = builder->Prepare(input);
   EXPECT_EQ(builder->snapshot()->submaps.size(), 0u);
   for (const SubmapInput& input : inputs) {
@@ -84,17 +94,18 @@ TEST(SubmapPreparer, PreparedFarAheadIsTheSameAsInline) {
     Polish(builder.get());
   }
   ExpectEqual(*inline_map, *builder->snapshot());
+  const RefinedSubmap& last = *builder->snapshot()->submaps.back()->refined;
+  EXPECT_EQ(last.redundant_keyframes.empty(), GetParam() > 0);
 }
 
 // As the map thread does it; and above full_component_submaps, where the number of closures depends
 // on the submaps that there are.
-TEST(SubmapPreparer, PreparedOnAnotherThreadIsTheSameAsInline) {
-  MapBuilderOptions options;
-  options.aligner.full_component_submaps = 4;
-  options.enough_closures = 1;
+TEST_P(PreparedAhead, OnAnotherThreadIsTheSameAsInline) {
+  options_.aligner.full_component_submaps = 4;
+  options_.enough_closures = 1;
   std::vector<SubmapInput> inputs = Inputs();
-  const auto inline_map = IntegratedInline(inputs, options);
-  const auto builder = MakePreparingBuilder(options);
+  const auto inline_map = IntegratedInline(inputs, options_);
+  const auto builder = MakePreparingBuilder(options_);
   std::atomic<size_t> prepared = 0;
   std::thread preparing([&] {
     for (SubmapInput& input : inputs) {
@@ -112,9 +123,9 @@ TEST(SubmapPreparer, PreparedOnAnotherThreadIsTheSameAsInline) {
 }
 
 // A server that was killed between the two halves prepares the submap again.
-TEST(SubmapPreparer, PreparedButNotIntegratedIsPreparedAgainAfterARestart) {
+TEST_P(PreparedAhead, ButNotIntegratedItIsPreparedAgainAfterARestart) {
   std::vector<SubmapInput> inputs = Inputs();
-  const auto killed = MakePreparingBuilder();
+  const auto killed = MakePreparingBuilder(options_);
   for (size_t i = 0; i < inputs.size(); ++i) {
     const auto prepared = killed->Prepare(inputs[i]);
     if (i >= 9) continue;
@@ -123,9 +134,9 @@ TEST(SubmapPreparer, PreparedButNotIntegratedIsPreparedAgainAfterARestart) {
     killed->IntegrateSubmap(input);
     Polish(killed.get());
   }
-  const auto inline_builder = MakePreparingBuilder();
+  const auto inline_builder = MakePreparingBuilder(options_);
   inline_builder->Restore(killed->snapshot());
-  const auto ahead = MakePreparingBuilder();
+  const auto ahead = MakePreparingBuilder(options_);
   ahead->Restore(killed->snapshot());
   for (size_t i = 0; i < inputs.size(); ++i) inputs[i].prepared = ahead->Prepare(inputs[i]);
   EXPECT_TRUE(inputs[3].prepared->closures.empty());

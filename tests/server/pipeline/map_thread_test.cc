@@ -17,10 +17,10 @@ namespace {
 
 using ::testing::Contains;
 using ::testing::ElementsAre;
-using ::testing::IsSupersetOf;
 using testing::EngineProbe;
 using testing::FakeMapEngine;
 using testing::FakeMapEngineOptions;
+using ::testing::IsSupersetOf;
 using ::testing::Not;
 using ::testing::SizeIs;
 
@@ -134,6 +134,25 @@ TEST_F(MapThreadTest, ReadySubmapInterruptsBackgroundWorkAfterItsPatience) {
   EXPECT_GE(waited, options.background_patience);
   EXPECT_LT(waited, std::chrono::seconds(5));
   EXPECT_EQ(probe_->events()[2], "interrupted");
+}
+
+// All that is prepared ahead is ready, and one more waits: for the map thread alone.
+TEST_F(MapThreadTest, BackgroundWorkIsInterruptedWhenTooManyWait) {
+  MapThreadOptions options;
+  options.background_patience = std::chrono::hours(1);
+  probe_->SetBackgroundEndless(true);
+  Start(options, {.has_background_work = true});
+  thread_->Push({MakeInput(0)});
+  probe_->WaitForEvent("background");
+  for (uint32_t number = 1; number <= 8; ++number) thread_->Push({MakeInput(number)});
+  probe_->WaitForPreparations(9);
+  EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "background"));
+  thread_->Push({MakeInput(9)});
+  probe_->WaitForEvent("integrate a/1");
+  probe_->SetBackgroundEndless(false);
+  Settle();
+  EXPECT_EQ(probe_->events()[2], "interrupted");
+  EXPECT_THAT(hub_.Get()->submaps, SizeIs(10));
 }
 
 TEST_F(MapThreadTest, WithoutPatienceASubmapInterruptsAtOnceAndOftenEnough) {

@@ -2,8 +2,6 @@
 #ifndef PORTOLAN_TESTS_SERVER_STORE_FAULTY_VFS_H_
 #define PORTOLAN_TESTS_SERVER_STORE_FAULTY_VFS_H_
 
-#include <string>
-
 namespace portolan::testing {
 
 // Wraps SQLite's default layer under the name name(). Every file operation that writes or syncs

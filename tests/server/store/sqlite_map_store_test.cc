@@ -159,8 +159,8 @@ TEST_F(SqliteMapStoreTest, IncrementalSavesAddUpToTheNewestSnapshot) {
 }
 
 TEST_F(SqliteMapStoreTest, UnchangedStatesAreNotWrittenAgain) {
-  // A row that grows may move a few pages' worth of its neighbours.
-  OpenWithSubmaps(100).reset();
+  // A row that grows may move a few pages' worth of its neighbours: 17 to 27 writes instead of 353.
+  OpenWithSubmaps(400).reset();
   SqliteMapStoreOptions options;
   options.vfs = testing::FaultyVfs::name();
   auto store = *SqliteMapStore::Open(path(), options);
@@ -173,7 +173,7 @@ TEST_F(SqliteMapStoreTest, UnchangedStatesAreNotWrittenAgain) {
   snapshot.submaps[20] = MakeState(map.submaps[20], ComponentId(1), {0, 5, 0}, 7, 99);
   testing::FaultyVfs::Heal();
   ASSERT_TRUE(store->SaveSnapshot(snapshot).ok());
-  EXPECT_LT(3 * testing::FaultyVfs::operation_count(), full_save);
+  EXPECT_LT(10 * testing::FaultyVfs::operation_count(), full_save);
   ExpectSameSnapshot(*Load(*store).snapshot, snapshot);
 }
 

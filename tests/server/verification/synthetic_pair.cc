@@ -1,7 +1,6 @@
 #include "tests/server/verification/synthetic_pair.h"
 
 #include <Eigen/Cholesky>
-#include <cmath>
 #include <random>
 
 #include "common/base/check.h"
