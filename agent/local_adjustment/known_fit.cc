@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <map>
 
 #include "common/bundle/bundle_terms.h"
 #include "common/linear_algebra/dense.h"
@@ -61,39 +62,93 @@ void Evaluate(const CameraModel& camera, const KnownView& view, const Move& move
   jacobian->col(6) = d_position * arm;
 }
 
+// Gauss-Newton with a Gaussian prior of the drift.
+class Fit {
+ public:
+  struct Result {
+    Move move;
+    double cost = 0;  // -2 log of the density, but for a constant
+  };
+
+  Fit(const KnownFitOptions& options, const CameraModel& camera,
+      const std::vector<KnownView>& views, double scene_depth, const Similarity3& moved_before)
+      : options_(options),
+        camera_(camera),
+        views_(views),
+        start_{views.back().window_from_camera.translation} {
+    prior_ << Eigen::Vector3d::Constant(1 / (options.translation_of_depth * scene_depth)),
+        Eigen::Vector3d::Constant(1 / options.rotation_rad), 1 / options.log_scale;
+    prior_ = prior_.cwiseAbs2();
+    before_ << start_.pivot - moved_before.Inverse() * start_.pivot,
+        RotationLog(moved_before.rotation), std::log(moved_before.scale);
+    for (const KnownView& view : views) ++sights_of_[view.sight->landmark];
+  }
+
+  // With a drift that is so many times larger.
+  std::optional<Result> Run(double factor) const {
+    const Vector7d prior = prior_ / (factor * factor);
+    Result result{start_, 0};
+    for (int i = 0; i < options_.max_iterations; ++i) {
+      const double loss = options_.loss_scale_sigmas * (i == 0 ? kFirstLossFactor : 1);
+      Matrix7d information = prior.asDiagonal();
+      Vector7d step = -prior.cwiseProduct(before_ + result.move.Tangent());
+      for (const KnownView& view : views_) {
+        Eigen::Vector2d residual;
+        Matrix27d jacobian;
+        Evaluate(camera_, view, result.move, &residual, &jacobian);
+        const double weight =
+            1 / (1 + residual.squaredNorm() / (loss * loss)) / SightsOf(view.sight->landmark);
+        information.noalias() += weight * jacobian.transpose() * jacobian;
+        step.noalias() -= weight * jacobian.transpose() * residual;
+      }
+      if (!SolvePositiveDefinite(information, step) || !step.allFinite()) return std::nullopt;
+      result.move.Add(step);
+    }
+    const Vector7d drift = before_ + result.move.Tangent();
+    result.cost = drift.dot(prior.cwiseProduct(drift)) + 14 * std::log(factor);
+    const double loss2 = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
+    for (const KnownView& view : views_) {
+      Eigen::Vector2d residual;
+      Matrix27d jacobian;
+      Evaluate(camera_, view, result.move, &residual, &jacobian);
+      result.cost +=
+          loss2 * std::log1p(residual.squaredNorm() / loss2) / SightsOf(view.sight->landmark);
+    }
+    return result;
+  }
+
+ private:
+  double SightsOf(const KnownLandmarkId& landmark) const { return sights_of_.at(landmark); }
+
+  const KnownFitOptions& options_;
+  const CameraModel& camera_;
+  const std::vector<KnownView>& views_;
+  const Move start_;
+  Vector7d prior_;   // information
+  Vector7d before_;  // tangent
+  std::map<KnownLandmarkId, double> sights_of_;
+};
+
 }  // namespace
 
 Status KnownFitOptions::Validate() const {
   if (!(translation_of_depth > 0) || !(rotation_rad > 0) || !(log_scale > 0) ||
-      !(loss_scale_sigmas > 0) || max_iterations < 1 || min_sights < 4) {
+      !(map_drift_factor >= 1) || !(loss_scale_sigmas > 0) || max_iterations < 1 ||
+      min_sights < 4) {
     return absl::InvalidArgumentError("local_adjustment.known_fit: a limit is out of range");
   }
   return absl::OkStatus();
 }
 
 std::optional<Similarity3> FitToKnown(const KnownFitOptions& options, const CameraModel& camera,
-                                      const std::vector<KnownView>& views, double scene_depth) {
+                                      const std::vector<KnownView>& views, double scene_depth,
+                                      const Similarity3& moved_before) {
   if (static_cast<int>(views.size()) < options.min_sights) return std::nullopt;
-  Vector7d prior;  // information
-  prior << Eigen::Vector3d::Constant(1 / (options.translation_of_depth * scene_depth)),
-      Eigen::Vector3d::Constant(1 / options.rotation_rad), 1 / options.log_scale;
-  prior = prior.cwiseAbs2();
-  Move move{views.back().window_from_camera.translation};
-  for (int i = 0; i < options.max_iterations; ++i) {
-    const double loss = options.loss_scale_sigmas * (i == 0 ? kFirstLossFactor : 1);
-    Matrix7d information = prior.asDiagonal();
-    Vector7d step = -prior.cwiseProduct(move.Tangent());
-    for (const KnownView& view : views) {
-      Eigen::Vector2d residual;
-      Matrix27d jacobian;
-      Evaluate(camera, view, move, &residual, &jacobian);
-      const double weight = 1 / (1 + residual.squaredNorm() / (loss * loss));
-      information.noalias() += weight * jacobian.transpose() * jacobian;
-      step.noalias() -= weight * jacobian.transpose() * residual;
-    }
-    if (!SolvePositiveDefinite(information, step) || !step.allFinite()) return std::nullopt;
-    move.Add(step);
-  }
+  const Fit fit(options, camera, views, scene_depth, moved_before);
+  const auto small = fit.Run(1), large = fit.Run(options.map_drift_factor);
+  const auto& best = !large || (small && small->cost < large->cost) ? small : large;
+  if (!best) return std::nullopt;
+  const Move& move = best->move;
   Similarity3 moved;
   moved.scale = std::exp(move.log_scale);
   moved.rotation = move.rotation;

@@ -211,6 +211,7 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes, const Positi
   keyframes_.erase(keyframes_.begin(),
                    keyframes_.begin() + static_cast<std::ptrdiff_t>(common.front().first));
   in_world_ = true;
+  followed_ = {};
   FollowKnown();
   const Rigid3 last_from_camera =
       keyframes_.back().window_from_camera.Inverse() * window_from_camera_;
@@ -239,8 +240,10 @@ void LocalAdjustment::FollowKnown() {
       views.push_back({keyframes_[i].window_from_camera, &sight});
     }
   }
-  const auto new_from_old = FitToKnown(options_.known_fit, camera_, views, SceneDepth());
-  if (new_from_old) Move(*new_from_old);
+  const auto new_from_old = FitToKnown(options_.known_fit, camera_, views, SceneDepth(), followed_);
+  if (!new_from_old) return;
+  Move(*new_from_old);
+  followed_ = *new_from_old * followed_;
 }
 
 std::vector<LocalAdjustment::KeyframePose> LocalAdjustment::Keyframes() const {

@@ -191,6 +191,8 @@ class LocalAdjustment {
   double scale_ = 1;
   // Hold has put the window there.
   bool in_world_ = false;
+  // How it has moved since then to follow known landmarks.
+  Similarity3 followed_;
   // Of the frame located last.
   std::optional<Rigid3> odometry_from_camera_;
   Rigid3 window_from_camera_;

@@ -23,6 +23,8 @@ struct KnownLandmarkId {
   KnownGroupId group;
   uint32_t index = 0;    // in its group
   uint64_t filling = 0;  // KnownGroup::filling
+
+  friend auto operator<=>(const KnownLandmarkId&, const KnownLandmarkId&) = default;
 };
 
 struct KnownLandmark {

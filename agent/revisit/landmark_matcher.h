@@ -24,9 +24,9 @@ struct LandmarkMatcherOptions {
   int min_margin_bits = 10;
   // The distances of then and now differ by at most this factor, the directions by this angle.
   double max_distance_factor = 1.8;
-  double max_view_angle_rad = 0.8;
+  double max_view_angle_rad = 0.5;
   // Pixel error of a match, and the largest that the landmark's own uncertainty may add.
-  double sigma_px = 1.5;
+  double sigma_px = 1.0;
   double max_landmark_sigma_px = 6.0;
   // How many matches, and what share of them, must agree on one pose.
   ResectionOptions resection{.outlier_chi2 = 9.0};

@@ -8,7 +8,7 @@ namespace portolan {
 namespace {
 
 // The sights of one track agree no better than so: what poses and camera model leave.
-constexpr double kMinSigmaPx = 1.0;
+constexpr double kMinSigmaPx = 0.5;
 
 }  // namespace
 

@@ -20,7 +20,8 @@ class KnownFit : public testing::Test {
         const double right = x(random), down = 0.7 * x(random), away = z(random);
         const Eigen::Vector3d point = truth * Eigen::Vector3d(right, down, away);
         const auto pixel = camera_.Project(truth.Inverse() * point);
-        sights_.push_back({{}, point, *pixel, 1.5});
+        const KnownLandmarkId id{{}, static_cast<uint32_t>(sights_.size())};
+        sights_.push_back({id, point, *pixel, 1.5});
         poses_.push_back(drifted_from_true_ * truth);
         truths_.push_back(truth);
       }
@@ -49,7 +50,7 @@ class KnownFit : public testing::Test {
 };
 
 TEST_F(KnownFit, FindsTheDrift) {
-  const auto move = FitToKnown({}, camera_, Views(), 5);
+  const auto move = FitToKnown({}, camera_, Views(), 5, {});
   ASSERT_TRUE(move.has_value());
   // But for the prior's pull.
   EXPECT_LT(WorstError(*move), 2e-3);
@@ -62,14 +63,57 @@ TEST_F(KnownFit, WrongSightsWeighLittle) {
   for (size_t i = 0; i < sights_.size(); i += 5) {
     sights_[i].pixel += Eigen::Vector2d(off(random), off(random));
   }
-  const auto move = FitToKnown({}, camera_, Views(), 5);
+  const auto move = FitToKnown({}, camera_, Views(), 5, {});
   ASSERT_TRUE(move.has_value());
   EXPECT_LT(WorstError(*move), 0.02);
 }
 
+// A window that is where it belongs, a dozen vague sights that say so, and two that do not.
+TEST_F(KnownFit, AFewFalseSightsDoNotMoveAGoodWindow) {
+  poses_ = truths_;
+  sights_.resize(15);
+  for (KnownSight& sight : sights_) sight.sigma_px = 2.5;
+  for (const size_t i : {3, 8}) {
+    sights_[i].sigma_px = 5;
+    sights_[i].pixel += Eigen::Vector2d(7, 3);
+  }
+  const auto move = FitToKnown({}, camera_, Views(), 5, {});
+  ASSERT_TRUE(move.has_value());
+  EXPECT_LT(WorstError(*move), 2.5e-3);  // a two-thousandth of their distance
+  // Were the window believed to be anywhere, they would.
+  const auto loose = FitToKnown(
+      {.translation_of_depth = 0.1, .rotation_rad = 0.05, .log_scale = 0.05, .map_drift_factor = 1},
+      camera_, Views(), 5, {});
+  ASSERT_TRUE(loose.has_value());
+  EXPECT_GT(WorstError(*loose), 4 * WorstError(*move));
+}
+
+// The same sights, told again and again, do not move it farther than they do once.
+TEST_F(KnownFit, WhatItHasFollowedIsNotFollowedAgain) {
+  poses_ = truths_;
+  sights_.resize(12);
+  for (KnownSight& sight : sights_) {
+    sight.sigma_px = 5;
+    sight.pixel.x() += 4;
+  }
+  const auto once = FitToKnown({}, camera_, Views(), 5, {});
+  ASSERT_TRUE(once.has_value());
+  const double after_one = WorstError(*once);
+  ASSERT_GT(after_one, 1e-4);
+  Similarity3 moved = *once;
+  for (int i = 0; i < 10; ++i) {
+    for (Rigid3& pose : poses_) pose = (i == 0 ? *once : Similarity3()) * pose;
+    const auto more = FitToKnown({}, camera_, Views(), 5, moved);
+    ASSERT_TRUE(more.has_value());
+    for (Rigid3& pose : poses_) pose = *more * pose;
+    moved = *more * moved;
+  }
+  EXPECT_LT(WorstError(Similarity3()), 1.2 * after_one);
+}
+
 TEST_F(KnownFit, TooFewSightsTellNothing) {
   sights_.resize(11);
-  EXPECT_FALSE(FitToKnown({}, camera_, Views(), 5).has_value());
+  EXPECT_FALSE(FitToKnown({}, camera_, Views(), 5, {}).has_value());
 }
 
 TEST(KnownFitOptions, RefusesWhatMakesNoSense) {

@@ -42,7 +42,8 @@ TEST_F(LandmarkMatcherTest, FindsWhatIsInView) {
   const std::vector<KnownSight> sights = Match(scene_.Features(true_));
   EXPECT_GT(sights.size(), 25u);
   EXPECT_EQ(WrongOnes(sights), 0);
-  for (const KnownSight& sight : sights) EXPECT_GE(sight.sigma_px, 1.5);
+  for (const KnownSight& sight : sights)
+    EXPECT_GE(sight.sigma_px, LandmarkMatcherOptions().sigma_px);
 }
 
 TEST_F(LandmarkMatcherTest, LeavesOutMatchesThatContradictTheRest) {
