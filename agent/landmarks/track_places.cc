@@ -6,6 +6,8 @@
 #include <cmath>
 #include <utility>
 
+#include "common/base/keep_latest.h"
+
 namespace portolan {
 
 Status TrackPlacesOptions::Validate() const {
@@ -72,17 +74,8 @@ std::vector<TrackId> TrackPlaces::AddKeyframe(const Rigid3& submap_from_camera,
     if (misses) slipped.push_back(point.track);
   }
   for (const TrackId& track : slipped) tracks_.erase(track);
-  Forget();
+  KeepLatest(options_.max_tracks, &Track::seen_at, &tracks_);
   return slipped;
-}
-
-void TrackPlaces::Forget() {
-  const int surplus = static_cast<int>(tracks_.size()) - options_.max_tracks;
-  if (surplus <= 0) return;
-  std::vector<std::pair<int, TrackId>> by_age;
-  for (const auto& [id, track] : tracks_) by_age.emplace_back(track.seen_at, id);
-  std::nth_element(by_age.begin(), by_age.begin() + surplus, by_age.end());
-  for (int i = 0; i < surplus; ++i) tracks_.erase(by_age[i].second);
 }
 
 std::optional<TrackPlaces::Point> TrackPlaces::Triangulate(const Track& track, bool* misses) const {

@@ -93,7 +93,6 @@ class TrackPlaces {
   // Of a track whose place is known; its id is the caller's business.
   std::optional<SearchRegion> Expect(const Track& track, const Rigid3& submap_from_camera,
                                      const Rigid3& camera_from_submap) const;
-  void Forget();
 
   const TrackPlacesOptions options_;
   const CameraModel camera_;

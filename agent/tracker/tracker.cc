@@ -15,6 +15,7 @@
 #include "agent/tracker/pixel_list.h"
 #include "agent/tracker/reference_patch.h"
 #include "agent/tracker/track_motion.h"
+#include "common/base/keep_latest.h"
 
 namespace portolan {
 namespace {
@@ -265,12 +266,7 @@ void Tracker::Impl::Lose(const std::vector<TrackMap::iterator>& lost) {
     lost_.insert_or_assign(it->first, std::move(it->second));
     tracks_.erase(it);
   }
-  const int surplus = static_cast<int>(lost_.size()) - options_.max_lost;
-  if (surplus <= 0) return;
-  std::vector<std::pair<int, TrackId>> by_age;
-  for (const auto& [id, state] : lost_) by_age.emplace_back(state.lost_at, id);
-  std::nth_element(by_age.begin(), by_age.begin() + surplus, by_age.end());
-  for (int i = 0; i < surplus; ++i) lost_.erase(by_age[i].second);
+  KeepLatest(options_.max_lost, &TrackState::lost_at, &lost_);
 }
 
 void Tracker::Impl::DropCollapsed() {

@@ -38,6 +38,15 @@ class MapThreadTest : public ::testing::Test {
         options, std::make_unique<FakeMapEngine>(engine_options, probe_), &store_, &hub_);
     thread_->Start(std::move(backlog));
   }
+  // One submap is integrated, and background work runs that does not end by itself.
+  void StartInBackgroundWork(Duration patience) {
+    MapThreadOptions options;
+    options.background_patience = patience;
+    probe_->SetBackgroundEndless(true);
+    Start(options, {.has_background_work = true});
+    thread_->Push({MakeInput(0)});
+    probe_->WaitForEvent("background");
+  }
   uint64_t Settle() {
     std::promise<uint64_t> version;
     thread_->WhenSettled([&](uint64_t v) { version.set_value(v); });
@@ -78,10 +87,7 @@ TEST_F(MapThreadTest, SettledMeansBackgroundWorkIsDone) {
 }
 
 TEST_F(MapThreadTest, NewSubmapInterruptsBackgroundWork) {
-  probe_->SetBackgroundEndless(true);
-  Start({}, {.has_background_work = true});
-  thread_->Push({MakeInput(0)});
-  probe_->WaitForEvent("background");
+  StartInBackgroundWork(MapThreadOptions().background_patience);
   thread_->Push({MakeInput(1)});
   probe_->WaitForEvent("integrate a/1");
   probe_->SetBackgroundEndless(false);
@@ -92,12 +98,7 @@ TEST_F(MapThreadTest, NewSubmapInterruptsBackgroundWork) {
 }
 
 TEST_F(MapThreadTest, ReadySubmapWaitsForBackgroundWorkThatEndsInTime) {
-  MapThreadOptions options;
-  options.background_patience = std::chrono::hours(1);
-  probe_->SetBackgroundEndless(true);
-  Start(options, {.has_background_work = true});
-  thread_->Push({MakeInput(0)});
-  probe_->WaitForEvent("background");
+  StartInBackgroundWork(std::chrono::hours(1));
   thread_->Push({MakeInput(1), MakeInput(2)});
   // When the last one's turn comes the one before it is ready, and was not too late.
   probe_->WaitForPreparations(3);
@@ -109,12 +110,8 @@ TEST_F(MapThreadTest, ReadySubmapWaitsForBackgroundWorkThatEndsInTime) {
 }
 
 TEST_F(MapThreadTest, ReadySubmapInterruptsBackgroundWorkAfterItsPatience) {
-  MapThreadOptions options;
-  options.background_patience = std::chrono::milliseconds(300);
-  probe_->SetBackgroundEndless(true);
-  Start(options, {.has_background_work = true});
-  thread_->Push({MakeInput(0)});
-  probe_->WaitForEvent("background");
+  constexpr std::chrono::milliseconds kPatience(300);
+  StartInBackgroundWork(kPatience);
   const auto pushed = std::chrono::steady_clock::now();
   // Those that come meanwhile do not make the oldest wait longer.
   std::promise<void> enough;
@@ -131,19 +128,14 @@ TEST_F(MapThreadTest, ReadySubmapInterruptsBackgroundWorkAfterItsPatience) {
   others.join();
   probe_->SetBackgroundEndless(false);
   Settle();
-  EXPECT_GE(waited, options.background_patience);
+  EXPECT_GE(waited, kPatience);
   EXPECT_LT(waited, std::chrono::seconds(5));
   EXPECT_EQ(probe_->events()[2], "interrupted");
 }
 
 // All that is prepared ahead is ready, and one more waits: for the map thread alone.
 TEST_F(MapThreadTest, BackgroundWorkIsInterruptedWhenTooManyWait) {
-  MapThreadOptions options;
-  options.background_patience = std::chrono::hours(1);
-  probe_->SetBackgroundEndless(true);
-  Start(options, {.has_background_work = true});
-  thread_->Push({MakeInput(0)});
-  probe_->WaitForEvent("background");
+  StartInBackgroundWork(std::chrono::hours(1));
   for (uint32_t number = 1; number <= 8; ++number) thread_->Push({MakeInput(number)});
   probe_->WaitForPreparations(9);
   EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "background"));
