@@ -15,6 +15,8 @@ using Matrix27d = Eigen::Matrix<double, 2, 7>;
 // The loss is so much wider in the first step: the start may be off by more than matches err.
 constexpr double kFirstLossFactor = 3;
 
+constexpr int kUnknowns = 7;
+
 // x -> pivot + t + s R (x - pivot).
 struct Move {
   Eigen::Vector3d pivot;
@@ -81,7 +83,9 @@ class Fit {
     prior_ = prior_.cwiseAbs2();
     before_ << start_.pivot - moved_before.Inverse() * start_.pivot,
         RotationLog(moved_before.rotation), std::log(moved_before.scale);
-    for (const KnownView& view : views) ++sights_of_[view.sight->landmark];
+    std::map<KnownLandmarkId, int> sights_of;
+    for (const KnownView& view : views) ++sights_of[view.sight->landmark];
+    for (const KnownView& view : views) shares_.push_back(1.0 / sights_of[view.sight->landmark]);
   }
 
   // With a drift that is so many times larger.
@@ -92,12 +96,11 @@ class Fit {
       const double loss = options_.loss_scale_sigmas * (i == 0 ? kFirstLossFactor : 1);
       Matrix7d information = prior.asDiagonal();
       Vector7d step = -prior.cwiseProduct(before_ + result.move.Tangent());
-      for (const KnownView& view : views_) {
+      for (size_t k = 0; k < views_.size(); ++k) {
         Eigen::Vector2d residual;
         Matrix27d jacobian;
-        Evaluate(camera_, view, result.move, &residual, &jacobian);
-        const double weight =
-            1 / (1 + residual.squaredNorm() / (loss * loss)) / SightsOf(view.sight->landmark);
+        Evaluate(camera_, views_[k], result.move, &residual, &jacobian);
+        const double weight = shares_[k] / (1 + residual.squaredNorm() / (loss * loss));
         information.noalias() += weight * jacobian.transpose() * jacobian;
         step.noalias() -= weight * jacobian.transpose() * residual;
       }
@@ -105,28 +108,26 @@ class Fit {
       result.move.Add(step);
     }
     const Vector7d drift = before_ + result.move.Tangent();
-    result.cost = drift.dot(prior.cwiseProduct(drift)) + 14 * std::log(factor);
+    result.cost = drift.dot(prior.cwiseProduct(drift)) + kUnknowns * 2 * std::log(factor);
     const double loss2 = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
-    for (const KnownView& view : views_) {
+    for (size_t k = 0; k < views_.size(); ++k) {
       Eigen::Vector2d residual;
       Matrix27d jacobian;
-      Evaluate(camera_, view, result.move, &residual, &jacobian);
-      result.cost +=
-          loss2 * std::log1p(residual.squaredNorm() / loss2) / SightsOf(view.sight->landmark);
+      Evaluate(camera_, views_[k], result.move, &residual, &jacobian);
+      result.cost += shares_[k] * loss2 * std::log1p(residual.squaredNorm() / loss2);
     }
     return result;
   }
 
  private:
-  double SightsOf(const KnownLandmarkId& landmark) const { return sights_of_.at(landmark); }
-
   const KnownFitOptions& options_;
   const CameraModel& camera_;
   const std::vector<KnownView>& views_;
   const Move start_;
   Vector7d prior_;   // information
   Vector7d before_;  // tangent
-  std::map<KnownLandmarkId, double> sights_of_;
+  // By view: one over the views of its landmark.
+  std::vector<double> shares_;
 };
 
 }  // namespace
