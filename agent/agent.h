@@ -174,8 +174,8 @@ class Agent {
   void StartTracking(Timestamp time, const cv::Mat& gray);
   // False if the second camera tells the depth of too few points to start.
   bool LearnDepthOfScene();
-  // Predicts, and looks for the filter's landmarks; says how many of them the filter believes;
-  // looks for the other tracks.
+  // Predicts, and looks for the filter's landmarks; updates the filter with them; looks for the
+  // other tracks.
   void TrackLandmarks(Timestamp time, const cv::Mat& gray);
   void UpdateFilter();
   void TrackOthers();

@@ -304,8 +304,9 @@ void AddAgentOptions(AgentOptions* options, OptionTable* table) {
   AddRange(&options->range, table->Section("range"));
   AddLocalAdjustment(&options->local_adjustment, table->Section("local_adjustment"));
   AddRevisit(&options->revisit, table->Section("revisit"));
-  table->Add("min_landmarks_for_places", &options->min_landmarks_for_places, "landmarks",
-             "with fewer measured, tracks are not looked for where they must be");
+  table->Add(
+      "min_landmarks_for_places", &options->min_landmarks_for_places, "landmarks",
+      "with fewer measured, tracks are neither looked for where they must be nor end elsewhere");
   table->Add("min_tracks_share", &options->min_tracks_share, "",
              "new corners are looked for when fewer than this share of the points is left");
 }

@@ -133,16 +133,16 @@ std::vector<TrackPrediction> TrackPlaces::PredictLive(const Rigid3& submap_from_
 std::vector<SearchRegion> TrackPlaces::ExpectLost(const Rigid3& submap_from_camera,
                                                   const std::vector<TrackId>& lost) const {
   const Rigid3 camera_from_submap = submap_from_camera.Inverse();
-  std::vector<std::pair<int, std::map<TrackId, Track>::const_iterator>> known;
+  std::vector<std::map<TrackId, Track>::const_iterator> known;
   for (const TrackId id : lost) {
     const auto track = tracks_.find(id);
-    if (track != tracks_.end() && track->second.point)
-      known.emplace_back(-track->second.seen_at, track);
+    if (track != tracks_.end() && track->second.point) known.push_back(track);
   }
-  std::stable_sort(known.begin(), known.end(),
-                   [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::stable_sort(known.begin(), known.end(), [](const auto& a, const auto& b) {
+    return a->second.seen_at > b->second.seen_at;
+  });
   std::vector<SearchRegion> regions;
-  for (const auto& [seen_at, track] : known) {
+  for (const auto& track : known) {
     if (static_cast<int>(regions.size()) == options_.max_searched) break;
     auto region = Expect(track->second, submap_from_camera, camera_from_submap);
     if (!region) continue;

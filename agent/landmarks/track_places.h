@@ -55,7 +55,7 @@ class TrackPlaces {
   std::vector<TrackId> AddKeyframe(const Rigid3& submap_from_camera,
                                    const std::vector<TrackedPoint>& points);
 
-  // Where the camera should see the tracks that the last keyframe saw and whose place is known.
+  // Where the camera should see the tracks of the keyframe booked last whose place is known.
   std::vector<TrackPrediction> PredictLive(const Rigid3& submap_from_camera) const;
 
   // Where the present camera should see those of the lost tracks (ascending) whose place is known;

@@ -40,7 +40,7 @@ struct Move {
   }
 };
 
-// The sight's error in sigmas and its derivative by the move.
+// The sight's error in sigmas and, unless null, its derivative by the move.
 void Evaluate(const CameraModel& camera, const KnownView& view, const Move& move,
               Eigen::Vector2d* residual, Matrix27d* jacobian) {
   const Rigid3& before = view.window_from_camera;
@@ -52,8 +52,9 @@ void Evaluate(const CameraModel& camera, const KnownView& view, const Move& move
       0, 0, 1 / (view.sight->point_in_world - pose.translation).norm()};
   Eigen::Matrix<double, 2, 6, Eigen::RowMajor> d_camera;
   ReprojectionError(&point, view.sight->pixel, view.sight->sigma_px)
-      .Evaluate(CameraState(reference), parameters.data(), residual->data(), d_camera.data(),
-                nullptr);
+      .Evaluate(CameraState(reference), parameters.data(), residual->data(),
+                jacobian == nullptr ? nullptr : d_camera.data(), nullptr);
+  if (jacobian == nullptr) return;
   // The camera's own perturbations are on the right, in its axes.
   const Eigen::Matrix3d camera_from_window = pose.rotation.conjugate().toRotationMatrix();
   const Eigen::Vector3d arm = pose.translation - move.pivot - move.translation;
@@ -112,8 +113,7 @@ class Fit {
     const double loss2 = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
     for (size_t k = 0; k < views_.size(); ++k) {
       Eigen::Vector2d residual;
-      Matrix27d jacobian;
-      Evaluate(camera_, views_[k], result.move, &residual, &jacobian);
+      Evaluate(camera_, views_[k], result.move, &residual, nullptr);
       result.cost += shares_[k] * loss2 * std::log1p(residual.squaredNorm() / loss2);
     }
     return result;

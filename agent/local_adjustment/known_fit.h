@@ -24,7 +24,7 @@ struct KnownFitOptions {
   // Errors beyond this many sigmas weigh less (Cauchy).
   double loss_scale_sigmas = 2.0;
   int max_iterations = 5;
-  // Fewer sights tell nothing.
+  // Fewer sights tell nothing; every keyframe's sight of a landmark is one.
   int min_sights = 12;
 
   Status Validate() const;

@@ -74,6 +74,7 @@ void LocalAdjustment::Start() {
   points_.clear();
   scale_ = 1;
   in_world_ = false;
+  followed_ = {};
   odometry_from_camera_.reset();
 }
 

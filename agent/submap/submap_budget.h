@@ -1,5 +1,6 @@
-// Keeps the uplink within a stated rate by leaving out the shortest tracks and the least valuable
-// described points.
+// Keeps the uplink within a stated rate by leaving out the shortest tracks, those of landmarks
+// counting as a little longer, and the least valuable described points. What links a submap to the
+// one before is not preferred.
 #ifndef PORTOLAN_AGENT_SUBMAP_SUBMAP_BUDGET_H_
 #define PORTOLAN_AGENT_SUBMAP_SUBMAP_BUDGET_H_
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <functional>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -16,7 +17,8 @@ template <typename Map, typename TimeOf>
 void KeepLatest(int max_count, const TimeOf& time_of, Map* map) {
   const auto surplus = static_cast<std::ptrdiff_t>(map->size()) - max_count;
   if (surplus <= 0) return;
-  std::vector<std::pair<int, typename Map::key_type>> by_age;
+  using Time = std::decay_t<std::invoke_result_t<TimeOf, const typename Map::mapped_type&>>;
+  std::vector<std::pair<Time, typename Map::key_type>> by_age;
   by_age.reserve(map->size());
   for (const auto& [key, value] : *map) by_age.emplace_back(std::invoke(time_of, value), key);
   std::nth_element(by_age.begin(), by_age.begin() + surplus, by_age.end());

@@ -213,10 +213,8 @@ bool MapAligner::CloseLoops(std::optional<ComponentId> only) {
       if (weights[first + i] > 0.5) closed.insert(&pending_[candidates[i]]);
     }
     if (closed.size() == before) continue;
-    const Similarity3 change = ChangeOfUnit(ids, 0, graph.world_from_node);
-    for (const SubmapId id : ids) {
-      model_.MoveSubmap(id, change * graph.world_from_node[nodes.at(id)]);
-    }
+    KeepUnitOf(ids, 0, &graph.world_from_node);
+    for (size_t i = 0; i < ids.size(); ++i) model_.MoveSubmap(ids[i], graph.world_from_node[i]);
     TouchComponent(component);
   }
   ClosureList now = pending_;
@@ -226,14 +224,15 @@ bool MapAligner::CloseLoops(std::optional<ComponentId> only) {
   return CloseLoopsLocally(in_large) || !now.empty();
 }
 
-Similarity3 MapAligner::ChangeOfUnit(const std::vector<SubmapId>& ids, size_t held,
-                                     const std::vector<Similarity3>& world_from_submap) const {
+void MapAligner::KeepUnitOf(const std::vector<SubmapId>& ids, size_t held,
+                            std::vector<Similarity3>* world_from_submap) const {
   std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> moved;
   for (size_t i = 0; i < ids.size(); ++i) {
     moved.emplace_back(model_.submap(ids[i]).world_from_submap.translation,
-                       world_from_submap[i].translation);
+                       (*world_from_submap)[i].translation);
   }
-  return KeepUnit(moved[held].first, moved);
+  const Similarity3 change = KeepUnit(moved[held].first, moved);
+  for (Similarity3& pose : *world_from_submap) pose = change * pose;
 }
 
 void MapAligner::Accept(std::shared_ptr<const Closure> closure) {

@@ -157,10 +157,11 @@ class MapAligner {
   // Of one component, or of all.
   bool CloseLoops(std::optional<ComponentId> only = std::nullopt);
   void Accept(std::shared_ptr<const Closure> closure);
-  // Of a component whose graph was solved with one submap held, its scale too. Metric or not: the
-  // graph measures no lengths, and the unit that there was is the best that it knows.
-  Similarity3 ChangeOfUnit(const std::vector<SubmapId>& ids, size_t held,
-                           const std::vector<Similarity3>& world_from_submap) const;
+  // New poses, parallel to ids, of a component whose graph was solved with one submap held, its
+  // scale too, go back to the unit of the model. Metric or not: the graph measures no lengths, and
+  // the unit that there was is the best that it knows.
+  void KeepUnitOf(const std::vector<SubmapId>& ids, size_t held,
+                  std::vector<Similarity3>* world_from_submap) const;
   void UniteMatches(const Closure& closure);
   void ErasePending(const std::function<bool(const Closure&)>& predicate);
   bool Survives(const Closure& closure) const;

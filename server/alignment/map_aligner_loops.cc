@@ -187,10 +187,7 @@ MapAligner::RegionOutcome MapAligner::SolveRegion(const Closure& closure,
     return RegionOutcome::kTooSmall;
   }
   if (contradicts) return RegionOutcome::kContradicts;
-  if (!has_rim) {
-    const Similarity3 change = ChangeOfUnit(region, oldest, graph.world_from_node);
-    for (Similarity3& pose : graph.world_from_node) pose = change * pose;
-  }
+  if (!has_rim) KeepUnitOf(region, oldest, &graph.world_from_node);
   MoveRegion(region, graph.world_from_node);
   return RegionOutcome::kSolved;
 }

@@ -1,5 +1,5 @@
-// The unit of a map that nothing metric holds: solving it anew shall not change it, or poses that
-// agents were told before would be in another unit than those after.
+// The unit of a map when what solves it measures no lengths: solving it anew shall not change it,
+// or poses that agents were told before would be in another unit than those after.
 #ifndef PORTOLAN_SERVER_ALIGNMENT_UNIT_KEEPING_H_
 #define PORTOLAN_SERVER_ALIGNMENT_UNIT_KEEPING_H_
 

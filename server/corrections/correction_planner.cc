@@ -29,17 +29,6 @@ Status CorrectionOptions::Validate() const {
   return absl::OkStatus();
 }
 
-double MedianDepth(const RefinedSubmap& refined) {
-  std::vector<double> distances;
-  for (const RefinedLandmark& landmark : refined.landmarks) {
-    distances.push_back(landmark.point_in_submap.norm());
-  }
-  if (distances.empty()) return 1.0;
-  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-  std::nth_element(distances.begin(), middle, distances.end());
-  return std::max(*middle, 1e-9);
-}
-
 double EstimateBytes(const SubmapPlacement& placement) {
   return 120 + 13.0 * static_cast<double>(placement.adjusted_submap_from_camera.size());
 }
@@ -99,8 +88,9 @@ bool CorrectionPlanner::MustTell(const std::shared_ptr<const SubmapState>& state
   const auto told = told_.find(SequenceNumber(*state));
   if (told == told_.end()) return true;
   if (told->second.state == state || (!all && told->second.unchanged == state)) return false;
-  const double movement =
-      RelativeMovement(*told->second.state, *state, told->second.median_depth, options_);
+  double& median_depth = told->second.median_depth;
+  if (median_depth == 0) median_depth = MedianDepth(*state->refined);
+  const double movement = RelativeMovement(*told->second.state, *state, median_depth, options_);
   if (movement > (all ? 0.0 : 1.0)) return true;
   told->second.unchanged = state;
   return false;

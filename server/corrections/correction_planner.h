@@ -32,9 +32,6 @@ struct CorrectionOptions {
   Status Validate() const;
 };
 
-// Median distance of the landmarks from the submap's origin in submap units; 1 without landmarks.
-double MedianDepth(const RefinedSubmap& refined);
-
 // Remembers what the agent was told. The newest submap is told at once; the others wait while the
 // budget is used up, and are then told as they are at that time. Thread-compatible. `now` is a
 // monotonic clock's time.
@@ -62,8 +59,8 @@ class CorrectionPlanner {
     uint64_t map_version = 0;
     // A later state that was found to differ too little.
     std::shared_ptr<const SubmapState> unchanged = nullptr;
-    // Of its landmarks, in submap units.
-    double median_depth = MedianDepth(*state->refined);
+    // Of its landmarks, in submap units; 0 until it is needed.
+    double median_depth = 0;
   };
 
   // True if the state is new or differs enough from what was told.

@@ -128,7 +128,7 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
   const ModelLandmark& landmark = model.landmarks()[index];
   FusedLandmark fused;
   fused.point_in_world = landmark.point_in_world;
-  int inliers = 0;
+  int inliers = 0, redundant = 0;
   std::optional<Eigen::Vector3d> from_first_camera;
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   for (const LandmarkSight& sight : landmark.sights) {
@@ -145,12 +145,10 @@ std::optional<FusedLandmark> MapFuser::FuseLandmark(const MapModel& model, int i
       ++inliers;
     }
     // Redundant keyframes see it as well, but the estimate owes them nothing.
-    if (inliers > before) {
-      fused.observation_count += submap.refined->landmarks[in_submap].redundant_count;
-    }
+    if (inliers > before) redundant += submap.refined->landmarks[in_submap].redundant_count;
   }
-  fused.observation_count += inliers;
   if (inliers < options_.min_observations) return std::nullopt;
+  fused.observation_count = inliers + redundant;
   // In units of the distance, whatever the length of the world's unit is.
   const double distance = from_first_camera->norm();
   const Eigen::LLT<Eigen::Matrix3d> factor(distance * distance * information);

@@ -180,17 +180,18 @@ std::shared_ptr<MapThread::Entry> MapThread::NextToRefine() const {
 }
 
 void MapThread::AwaitWork(std::unique_lock<std::mutex>* lock) {
-  const bool may_interrupt = HasPrepared() && !options_.lockstep && !interrupt_;
-  if (!may_interrupt) {
+  if (!HasPrepared() || options_.lockstep || interrupt_) {
     has_entry_.wait(*lock);
-    return;
-  }
-  const auto limit = queue_.front()->prepared_at + options_.background_patience;
-  if (IsBehind() || std::chrono::steady_clock::now() >= limit) {
+  } else if (MustInterrupt(std::chrono::steady_clock::now())) {
     interrupt_ = true;
   } else {
-    has_entry_.wait_until(*lock, limit);
+    has_entry_.wait_until(*lock, queue_.front()->prepared_at + options_.background_patience);
   }
+}
+
+bool MapThread::MustInterrupt(std::chrono::steady_clock::time_point now) const {
+  return HasPrepared() && !options_.lockstep &&
+         (IsBehind() || now >= queue_.front()->prepared_at + options_.background_patience);
 }
 
 void MapThread::RunPreparations() {
@@ -209,9 +210,7 @@ void MapThread::RunPreparations() {
     entry->input.prepared = std::move(prepared);
     entry->is_prepared = true;
     entry->prepared_at = std::chrono::steady_clock::now();
-    const bool is_late =
-        entry->prepared_at >= queue_.front()->prepared_at + options_.background_patience;
-    if (HasPrepared() && (is_late || IsBehind()) && !options_.lockstep) interrupt_ = true;
+    if (MustInterrupt(entry->prepared_at)) interrupt_ = true;
     wake_.notify_one();
   }
 }

@@ -98,6 +98,7 @@ class MapThread {
   // Interrupts background work for which the oldest submap has waited long enough, or too many
   // wait; otherwise waits for that, or for something to prepare.
   void AwaitWork(std::unique_lock<std::mutex>* lock);
+  bool MustInterrupt(std::chrono::steady_clock::time_point now) const;
   // True if the map thread may integrate the oldest submap.
   bool HasPrepared() const { return !queue_.empty() && queue_.front()->is_prepared; }
   void Integrate(const SubmapInput& input);

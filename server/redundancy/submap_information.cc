@@ -16,17 +16,6 @@ constexpr int kPoseSize = 6;
 
 using Matrix36d = Eigen::Matrix<double, 3, 6>;
 
-double MedianDepthOf(const RefinedSubmap& submap) {
-  std::vector<double> depths;
-  for (const RefinedLandmark& landmark : submap.landmarks) {
-    depths.push_back(landmark.point_in_submap.norm());
-  }
-  if (depths.empty()) return 1;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return std::max(*middle, 1e-9);
-}
-
 // log det by Cholesky; no value unless positive definite.
 std::optional<double> LogDeterminant(Eigen::MatrixXd matrix) {
   if (!FactorCholesky(matrix)) return std::nullopt;
@@ -39,7 +28,7 @@ std::optional<double> LogDeterminant(Eigen::MatrixXd matrix) {
 
 SubmapInformation::SubmapInformation(const RefinedSubmap& submap, const std::vector<int>& ends,
                                      double agreeing_chi2)
-    : median_depth_(MedianDepthOf(submap)) {
+    : median_depth_(MedianDepth(submap)) {
   AddViews(submap, agreeing_chi2);
   HoldScale(submap, ends);
   all_log_determinants_ = LogDeterminants(SubmapChoice::Everything(submap));

@@ -45,4 +45,15 @@ const RefinedLandmark* FindLandmark(const RefinedSubmap& submap, TrackId track) 
   return it == submap.landmarks.end() || it->track != track ? nullptr : &*it;
 }
 
+double MedianDepth(const RefinedSubmap& submap) {
+  std::vector<double> distances;
+  for (const RefinedLandmark& landmark : submap.landmarks) {
+    distances.push_back(landmark.point_in_submap.norm());
+  }
+  if (distances.empty()) return 1.0;
+  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), middle, distances.end());
+  return std::max(*middle, 1e-9);
+}
+
 }  // namespace portolan

@@ -54,6 +54,9 @@ int EssentialKeyframeBehind(const RefinedSubmap& submap, int keyframe);
 // The landmark of a track; null if it has none.
 const RefinedLandmark* FindLandmark(const RefinedSubmap& submap, TrackId track);
 
+// Median distance of the landmarks from the submap's origin in submap units; 1 without landmarks.
+double MedianDepth(const RefinedSubmap& submap);
+
 }  // namespace portolan
 
 #endif  // PORTOLAN_SERVER_REFINEMENT_REFINED_SUBMAP_H_

@@ -107,6 +107,7 @@ TEST(TrackPlacesTest, FromElsewhereAPointLooksOtherwise) {
   aside.rotation = aside.rotation * RotationExp({0, -0.8, 0});
   EXPECT_GT(tracks.PredictLive(near).size(), 3u);
   EXPECT_TRUE(tracks.ExpectLost(near, Wall::AllTracks()).empty());
+  EXPECT_GT(tracks.PredictLive(aside).size(), 3u);
   EXPECT_TRUE(tracks.ExpectLost(aside, Wall::AllTracks()).empty());
 }
 

@@ -101,14 +101,30 @@ TEST_F(KnownFit, WhatItHasFollowedIsNotFollowedAgain) {
   const double after_one = WorstError(*once);
   ASSERT_GT(after_one, 1e-4);
   Similarity3 moved = *once;
+  for (Rigid3& pose : poses_) pose = *once * pose;
   for (int i = 0; i < 10; ++i) {
-    for (Rigid3& pose : poses_) pose = (i == 0 ? *once : Similarity3()) * pose;
     const auto more = FitToKnown({}, camera_, Views(), 5, moved);
     ASSERT_TRUE(more.has_value());
     for (Rigid3& pose : poses_) pose = *more * pose;
     moved = *more * moved;
   }
   EXPECT_LT(WorstError(Similarity3()), 1.2 * after_one);
+}
+
+// A landmark's own error is the same in all keyframes that see it.
+TEST_F(KnownFit, SightsOfOneLandmarkWeighNoMoreThanOne) {
+  poses_ = truths_;
+  sights_.resize(20);
+  sights_[0].sigma_px = 3;
+  sights_[0].pixel.x() += 6;
+  const auto once = FitToKnown({}, camera_, Views(), 5, {});
+  sights_.insert(sights_.begin(), 30, KnownSight(sights_[0]));
+  poses_.insert(poses_.begin(), 30, Rigid3(poses_[0]));
+  truths_.insert(truths_.begin(), 30, Rigid3(truths_[0]));
+  const auto often = FitToKnown({}, camera_, Views(), 5, {});
+  ASSERT_TRUE(once.has_value() && often.has_value());
+  ASSERT_GT(WorstError(*once), 1e-5);
+  EXPECT_NEAR(WorstError(*often), WorstError(*once), 0.05 * WorstError(*once));
 }
 
 TEST_F(KnownFit, TooFewSightsTellNothing) {
@@ -121,6 +137,7 @@ TEST(KnownFitOptions, RefusesWhatMakesNoSense) {
   EXPECT_THAT(options.Validate(), IsOk());
   options.log_scale = 0;
   EXPECT_FALSE(options.Validate().ok());
+  EXPECT_FALSE(KnownFitOptions{.map_drift_factor = 0.5}.Validate().ok());
 }
 
 }  // namespace

@@ -103,6 +103,24 @@ TEST(SubmapBudget, ShortTracksGoBeforeDescribedPoints) {
   EXPECT_LT(submap.keyframes[5].observations.size(), short_track);
 }
 
+// Of tracks that are equally long those without landmarks go.
+TEST(SubmapBudget, TracksOfLandmarksStay) {
+  Submap submap;
+  submap.keyframes.resize(10);
+  for (uint32_t track = 0; track < 300; ++track) {
+    for (Keyframe& keyframe : submap.keyframes) {
+      keyframe.observations.push_back({TrackId(track), {1, 2}, 0.5f});
+    }
+    if (track >= 250) submap.landmarks.push_back({TrackId(track)});
+  }
+  SubmapBudget budget({.bytes_per_second = 1,
+                       .burst_bytes = EstimateSubmapBytes(submap) - 1000,
+                       .min_observations = 120});
+  EXPECT_EQ(budget.Fit(&submap), 0);
+  EXPECT_LT(submap.keyframes[0].observations.size(), 300u);
+  EXPECT_EQ(submap.landmarks.size(), 50u);
+}
+
 TEST(SubmapBudget, ZeroIsNoLimit) {
   SubmapBudget budget({.bytes_per_second = 0, .burst_bytes = 0});
   Submap submap = NextSubmap(0);

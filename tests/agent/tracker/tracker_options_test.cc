@@ -1,5 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <vector>
+
 #include "agent/tracker/tracker.h"
 #include "tests/agent/tracker/test_images.h"
 
@@ -24,6 +27,8 @@ TEST(TrackerOptions, RejectsNonsense) {
   for (const auto& spoil : std::vector<void (*)(TrackerOptions*)>{
            [](TrackerOptions* o) { o->max_points = 0; },
            [](TrackerOptions* o) { o->border_px = 2.0; },
+           [](TrackerOptions* o) { o->gate_px = 0.0; },
+           [](TrackerOptions* o) { o->min_spacing_px = 0.0; },
            [](TrackerOptions* o) { o->min_correlation = 1.5; },
            [](TrackerOptions* o) { o->min_reacquire_correlation = std::nan(""); },
            [](TrackerOptions* o) { o->pyramid_levels = 40; },
