@@ -75,7 +75,7 @@ class Search {
         options_(options),
         features_(FeaturesOfPoints(own)) {}
 
-  std::vector<PointMatch> Run(int* predicted) {
+  std::vector<PointMatch> Run(bool of_a, GuidedMatches* guided) {
     std::vector<PointMatch> matches;
     std::vector<bool> visible(own_.points.size());
     for (const DescribedKeyframe& keyframe : other_.keyframes) {
@@ -85,11 +85,12 @@ class Search {
         const auto prediction = Predict(*own_.points[p].landmark, keyframe.keyframe);
         if (!prediction) continue;
         visible[p] = true;
+        guided->sights.push_back({of_a, static_cast<int>(p), keyframe.keyframe, prediction->pixel});
         const auto match = Find(static_cast<int>(p), *prediction, keyframe, grid);
         if (match) matches.push_back(*match);
       }
     }
-    *predicted += static_cast<int>(std::count(visible.begin(), visible.end(), true));
+    guided->predicted += static_cast<int>(std::count(visible.begin(), visible.end(), true));
     return matches;
   }
 
@@ -161,8 +162,8 @@ class Search {
 GuidedMatches MatchGuided(const SubmapPoints& a, const SubmapPoints& b, const Similarity3& a_from_b,
                           const GuidedMatcherOptions& options) {
   GuidedMatches guided;
-  std::vector<PointMatch> found = Search(a, b, a_from_b.Inverse(), options).Run(&guided.predicted);
-  for (PointMatch match : Search(b, a, a_from_b, options).Run(&guided.predicted)) {
+  std::vector<PointMatch> found = Search(a, b, a_from_b.Inverse(), options).Run(true, &guided);
+  for (PointMatch match : Search(b, a, a_from_b, options).Run(false, &guided)) {
     std::swap(match.a, match.b);
     std::swap(match.keyframe_a, match.keyframe_b);
     found.push_back(match);

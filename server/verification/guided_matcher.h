@@ -22,12 +22,22 @@ struct GuidedMatcherOptions {
   double max_radius_px = 12.0;
 };
 
+// Where a landmark of one side should be seen in a described keyframe of the other.
+struct PredictedSight {
+  bool of_a = true;  // whose landmark it is
+  int point = 0;
+  int keyframe = 0;  // of the other side
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+};
+
 // How much of one submap should be seen in the other's described keyframes.
 struct GuidedMatches {
   // One-to-one, ascending distance.
   std::vector<PointMatch> matches;
   // Landmarks of either side that should be visible in a described keyframe of the other.
   int predicted = 0;
+  // All of their sights.
+  std::vector<PredictedSight> sights;
 };
 
 // Projects the landmarks of each side into the described keyframes of the other and compares

@@ -3,7 +3,9 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
+#include <tuple>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -28,17 +30,20 @@ std::vector<PointMatch> Select(const std::vector<PointMatch>& matches,
   return selected;
 }
 
+int CellOf(const Eigen::Vector2d& pixel, const CameraModel& camera) {
+  const int column = static_cast<int>(pixel.x() * kGridColumns / camera.width_px());
+  return static_cast<int>(pixel.y() * kGridRows / camera.height_px()) * kGridColumns + column;
+}
+
 // Cells that the matched points occupy in the keyframe where they occupy most.
 int OccupiedCells(const SubmapPoints& submap, const std::vector<int>& points) {
   const CameraModel& camera = *submap.submap->camera;
   size_t most = 0;
   for (const DescribedKeyframe& keyframe : submap.keyframes) {
-    std::set<std::pair<int, int>> cells;
+    std::set<int> cells;
     for (const int point : points) {
       const PointView* view = ViewIn(submap.points[point], keyframe.keyframe);
-      if (view == nullptr) continue;
-      cells.emplace(static_cast<int>(view->pixel.x() * kGridColumns / camera.width_px()),
-                    static_cast<int>(view->pixel.y() * kGridRows / camera.height_px()));
+      if (view != nullptr) cells.insert(CellOf(view->pixel, camera));
     }
     most = std::max(most, cells.size());
   }
@@ -127,6 +132,7 @@ class Verification {
       report_->inlier_share =
           inliers_.size() / std::max(1.0, static_cast<double>(guided.matches.size()));
       report_->visible_share = inliers_.size() / std::max(1.0, 0.5 * guided.predicted);
+      report_->evenness = Evenness(guided);
     }
     const auto refined = RefineSimilarity(a_, b_, inliers_, a_from_b_, refinement_options_);
     if (!refined) return Refuse("refinement failed");
@@ -137,6 +143,34 @@ class Verification {
     const bool believable =
         scale < ransac_options_.max_scale && scale * ransac_options_.max_scale > 1;
     return believable || Refuse("implausible scale");
+  }
+
+  // See VerifierOptions::min_evenness.
+  double Evenness(const GuidedMatches& guided) const {
+    std::vector<bool> found_a(a_.points.size()), found_b(b_.points.size());
+    for (const PointMatch& match : inliers_) found_a[match.a] = found_b[match.b] = true;
+    struct Cell {
+      int predicted = 0, found = 0;
+    };
+    std::map<std::tuple<bool, int, int>, Cell> cells;  // whose landmarks, keyframe, cell
+    double found = 0;
+    for (const PredictedSight& sight : guided.sights) {
+      const SubmapPoints& seen_by = sight.of_a ? b_ : a_;
+      Cell& cell =
+          cells[{sight.of_a, sight.keyframe, CellOf(sight.pixel, *seen_by.submap->camera)}];
+      const bool is_found = (sight.of_a ? found_a : found_b)[sight.point];
+      ++cell.predicted;
+      cell.found += is_found;
+      found += is_found;
+    }
+    if (found == 0) return 0;
+    const double missed = 1 - found / static_cast<double>(guided.sights.size());
+    double expected = 0, occupied = 0;
+    for (const auto& [key, cell] : cells) {
+      expected += 1 - std::pow(missed, cell.predicted);
+      occupied += cell.found > 0;
+    }
+    return occupied / expected;
   }
 
   // Evidence of the putative matches, which were found without the result, for it.
@@ -166,6 +200,10 @@ class Verification {
     if (report_->inlier_share < options_.min_inlier_share ||
         report_->visible_share < options_.min_visible_share) {
       return Refuse("too many outliers");
+    }
+    if (report_->visible_share < options_.max_share_to_ask_evenness &&
+        report_->evenness < options_.min_evenness) {
+      return Refuse("matches in one part of the view only");
     }
     return report_->cells >= options_.min_cells || Refuse("matches not spread");
   }
@@ -264,6 +302,11 @@ Status VerifierOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(CheckRange("min_inliers", min_inliers, 6, 10000));
   PORTOLAN_RETURN_IF_ERROR(CheckRange("min_landmark_matches", min_landmark_matches, 4, 10000));
   PORTOLAN_RETURN_IF_ERROR(CheckRange("min_evidence", min_evidence, 0, 1e6));
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("min_inlier_share", min_inlier_share, 0, 1));
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("min_visible_share", min_visible_share, 0, 1));
+  PORTOLAN_RETURN_IF_ERROR(CheckRange("min_evenness", min_evenness, 0, 1));
+  PORTOLAN_RETURN_IF_ERROR(
+      CheckRange("max_share_to_ask_evenness", max_share_to_ask_evenness, 0, 1));
   return CheckRange("max_rival_share", max_rival_share, 0, 1);
 }
 

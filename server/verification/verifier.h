@@ -38,7 +38,13 @@ struct VerifierOptions {
   // Inliers among the matches that guided matching found, and those among the landmarks that
   // should be visible.
   double min_inlier_share = 0.5;
-  double min_visible_share = 0.25;
+  double min_visible_share = 0.15;
+  // Of one place seen twice, about the same share of landmarks is found again all over the image;
+  // of two places with an object in common, nearly all on the object and none beside it. Evenness
+  // is the number of image cells with an inlier over that expected if inliers were spread at random
+  // over the landmarks that should be visible; asked where fewer than this share of these is found.
+  double min_evenness = 0.8;
+  double max_share_to_ask_evenness = 0.35;
   // Cells of an 8 x 6 grid over the image that inliers occupy, in each submap's best keyframe.
   int min_cells = 8;
   // A rival (see rivals.h) must have less than this share of the winner's evidence.
@@ -67,7 +73,8 @@ struct VerificationReport {
   int landmark_matches = 0;
   double inlier_share = 0;
   double visible_share = 0;
-  int cells = 0;  // the smaller of both sides
+  double evenness = 0;  // about 1 if inliers lie all over what should be visible
+  int cells = 0;        // the smaller of both sides
   double rival_share = 0;
   double rotation_sigma_rad = 0;
   double log_scale_sigma = 0;

@@ -108,18 +108,19 @@ StatusOr<GroundTruths> ReadGroundTruths(const std::filesystem::path& path) {
   return truths;
 }
 
-StatusOr<MapAccuracy> EvaluateMap(const MapSnapshot& snapshot, const GroundTruths& groundtruths) {
+const Trajectory& TruthOf(const GroundTruths& groundtruths, const std::string& agent) {
   static const Trajectory kNone;
-  const auto truth_of = [&](const std::string& agent) {
-    auto it = groundtruths.find(agent);
-    if (it == groundtruths.end()) it = groundtruths.find("");
-    return it == groundtruths.end() ? &kNone : &it->second;
-  };
+  auto it = groundtruths.find(agent);
+  if (it == groundtruths.end()) it = groundtruths.find("");
+  return it == groundtruths.end() ? kNone : it->second;
+}
+
+StatusOr<MapAccuracy> EvaluateMap(const MapSnapshot& snapshot, const GroundTruths& groundtruths) {
   MapAccuracy accuracy;
   const Parts joint = PartsOf(snapshot, false);
   std::vector<TrajectoryPair> pairs;
   for (const auto& [name, part] : joint)
-    pairs.push_back({name.second, &part, truth_of(name.second)});
+    pairs.push_back({name.second, &part, &TruthOf(groundtruths, name.second)});
   PORTOLAN_ASSIGN_OR_RETURN(const TrajectoryEvaluation all, EvaluateTrajectories(pairs, {}));
   accuracy.ate_m = all.joint.ate_m.rmse;
   accuracy.coverage = all.joint.coverage;
@@ -127,7 +128,7 @@ StatusOr<MapAccuracy> EvaluateMap(const MapSnapshot& snapshot, const GroundTruth
   const Parts apart = PartsOf(snapshot, true);
   std::map<ComponentId, std::vector<TrajectoryPair>> components;
   for (const auto& [name, part] : apart) {
-    components[name.first].push_back({name.second, &part, truth_of(name.second)});
+    components[name.first].push_back({name.second, &part, &TruthOf(groundtruths, name.second)});
   }
   accuracy.components = static_cast<int>(components.size());
   for (const auto& [id, members] : components) {

@@ -34,6 +34,9 @@ using GroundTruths = std::map<std::string, Trajectory>;
 // A trajectory file for all agents, or a folder with AGENT/groundtruth.txt.
 StatusOr<GroundTruths> ReadGroundTruths(const std::filesystem::path& path);
 
+// Of one agent; empty if there is none.
+const Trajectory& TruthOf(const GroundTruths& groundtruths, const std::string& agent);
+
 struct MapAccuracy {
   int components = 0;       // quarantined submaps not counted
   double ate_m = 0;         // all frames, one Sim(3) for all agents

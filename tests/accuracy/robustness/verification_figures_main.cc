@@ -1,8 +1,9 @@
 // What verification says about every pair of recorded submaps, held against the ground truth.
 //
-//   portolan-verification-figures --groundtruth FILE [--verbose] FOLDER...
+//   portolan-verification-figures --groundtruth PATH [--verbose] FOLDER...
 //
-// A FOLDER holds one recording (see replay_main.cc). Pairs that are nearer than three in one
+// PATH is a trajectory file for all agents or a folder with AGENT/groundtruth.txt; a FOLDER holds
+// one recording (see replay_main.cc). Pairs that are nearer than three in one
 // session are left out, as the map builder does. "Near" are pairs with described cameras within a
 // quarter of the scene's depth and 20 degrees of each other.
 #include <algorithm>
@@ -89,13 +90,13 @@ class Figures {
                           const VerificationReport& report) {
     const SubmapKey &x = a.refined->raw->key, &y = b.refined->raw->key;
     std::printf(
-        "%s/%u %s/%u %s evidence %.0f (%d of %d) inliers %d/%d share %.2f visible %.2f "
+        "%s/%u %s/%u %s evidence %.0f (%d of %d) inliers %d/%d share %.2f visible %.2f even %.2f "
         "cells %d rival %.2f sigma %.4f %.4f %.4f %s\n",
         x.agent.value().c_str(), x.sequence_number, y.agent.value().c_str(), y.sequence_number,
         near ? "near" : "    ", report.evidence, report.ransac_inliers, report.putative_matches,
         report.inliers, report.landmark_matches, report.inlier_share, report.visible_share,
-        report.cells, report.rival_share, report.rotation_sigma_rad, report.log_scale_sigma,
-        report.relative_translation_sigma, report.refusal.c_str());
+        report.evenness, report.cells, report.rival_share, report.rotation_sigma_rad,
+        report.log_scale_sigma, report.relative_translation_sigma, report.refusal.c_str());
   }
 
   const Verifier& verifier_;
@@ -103,9 +104,9 @@ class Figures {
   Totals totals_;
 };
 
-Status Run(const std::string& groundtruth_file, bool verbose,
+Status Run(const std::string& groundtruth_path, bool verbose,
            const std::vector<std::string>& folders) {
-  PORTOLAN_ASSIGN_OR_RETURN(const Trajectory groundtruth, ReadTrajectory(groundtruth_file));
+  PORTOLAN_ASSIGN_OR_RETURN(const GroundTruths groundtruths, ReadGroundTruths(groundtruth_path));
   PORTOLAN_ASSIGN_OR_RETURN(const Verifier verifier, Verifier::Create({}));
   PORTOLAN_ASSIGN_OR_RETURN(const SubmapRefiner refiner, SubmapRefiner::Create({}));
   Figures figures(verifier, verbose);
@@ -114,7 +115,7 @@ Status Run(const std::string& groundtruth_file, bool verbose,
     std::vector<PlacedByTruth> placed;
     for (const SubmapInput& input : Interleave(mission, 0)) {
       const auto refined = refiner.Refine(input.id, input.submap, input.camera);
-      auto submap = PlaceByTruth(refined, groundtruth);
+      auto submap = PlaceByTruth(refined, TruthOf(groundtruths, input.submap->key.agent.value()));
       if (verbose) {
         std::printf(
             "%s/%u: %zu keyframes, %zu landmarks, rms %.2f px, %s scale %.3f depth %.2f "
@@ -154,7 +155,7 @@ int Main(int argc, char** argv) {
   }
   if (groundtruth.empty() || folders.empty()) {
     std::fprintf(stderr,
-                 "usage: portolan-verification-figures --groundtruth FILE [--verbose] FOLDER...\n");
+                 "usage: portolan-verification-figures --groundtruth PATH [--verbose] FOLDER...\n");
     return 2;
   }
   const Status status = Run(groundtruth, verbose, folders);

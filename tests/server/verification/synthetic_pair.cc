@@ -26,7 +26,7 @@ class PairBuilder {
   }
 
   SyntheticPair Build() {
-    for (int i = 0; i < options_.points; ++i) points_.push_back(MakePoint(i));
+    for (int i = 0; i < options_.points; ++i) points_.push_back(MakePoint(i, options_.common_from_x));
     SyntheticPair pair;
     pair.a = MakeSubmap(1, Rigid3::Identity(), 1.0, 0);
     pair.b = MakeSubmap(2, options_.a_from_b, options_.scale, kTrackOffsetOfB);
@@ -58,9 +58,9 @@ class PairBuilder {
     return descriptor;
   }
 
-  ScenePoint MakePoint(int index) {
+  ScenePoint MakePoint(int index, double from_x) {
     ScenePoint point;
-    const double x = Uniform(-4, 4), y = Uniform(-3, 3);
+    const double x = Uniform(from_x, 4), y = Uniform(-3, 3);
     point.position = {x, y, options_.shape == SceneShape::kVolume ? Uniform(4, 8) : 6 + 0.3 * x};
     if (options_.shape == SceneShape::kLattice) {
       point.position = {0.5 * (index % 16) - 4, 0.5 * (index / 16) - 4, 6};
@@ -72,7 +72,7 @@ class PairBuilder {
   RefinedSubmap MakeSubmap(int64_t id, const Rigid3& world_from_submap, double unit,
                            uint32_t track_offset) {
     std::vector<ScenePoint> points = points_;
-    for (int i = 0; i < options_.private_points; ++i) points.push_back(MakePoint(i));
+    for (int i = 0; i < options_.private_points; ++i) points.push_back(MakePoint(i, -4));
     RefinedSubmap submap;
     submap.id = SubmapId(id);
     submap.camera = camera_;

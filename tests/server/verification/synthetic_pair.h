@@ -16,6 +16,8 @@ struct SyntheticPairOptions {
   int points = 250;
   // Points that only one of the submaps has, each.
   int private_points = 60;
+  // The common points lie right of this, in scene units; all lie between -4 and 4.
+  double common_from_x = -4;
   // All points look the same.
   bool identical_descriptors = false;
   // Bits of 256 that change from view to view.

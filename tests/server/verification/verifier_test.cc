@@ -156,6 +156,23 @@ TEST(Verifier, RefusesFewCommonPoints) {
   EXPECT_FALSE(VerifyPair(MakeSyntheticPair(options), nullptr));
 }
 
+// A fifth of what should be visible is found again: of one place everywhere, of two places that
+// have a poster in common on the poster only.
+TEST(Verifier, FewFoundAgainMustLieAllOverTheView) {
+  for (uint32_t seed = 1; seed <= 10; ++seed) {
+    SyntheticPairOptions options;
+    options.seed = seed;
+    options.points = 75;
+    options.private_points = 350;
+    ExpectCorrect(options);
+    options.common_from_x = 1.0;
+    VerificationReport report;
+    EXPECT_FALSE(VerifyPair(MakeSyntheticPair(options), &report)) << "seed " << seed;
+    EXPECT_EQ(report.refusal, "matches in one part of the view only");
+    EXPECT_GT(report.visible_share, VerifierOptions().min_visible_share);
+  }
+}
+
 TEST(Verifier, RefusesWhenGravityDisagrees) {
   SyntheticPair pair = MakeSyntheticPair({});
   ASSERT_TRUE(VerifyPair(pair, nullptr));
