@@ -144,7 +144,7 @@ void LocalAdjustment::AddKeyframe(Timestamp time, std::vector<KnownSight> known)
   // A start is far from converged.
   const bool is_start = static_cast<int>(keyframes_.size()) <= options_.max_keyframes;
   if (++keyframes_since_lens_ >= options_.max_keyframes && !is_start &&
-      lens_windows_ < options_.max_lens_windows && !(lens_is_known_ && readout_is_known_)) {
+      lens_windows_ < options_.max_lens_windows && !(lens_is_known_ && (readout_is_known_ || in_world_))) {
     AdjustLens();
   }
   Adjust(options_.max_free_keyframes,

@@ -123,8 +123,9 @@ class LocalAdjustment {
   // With the lens as it is believed to be now.
   const CameraModel& camera() const { return camera_; }
   // From the first row to the last one as it is believed to be now; negative if the last one is
-  // first.
-  double readout_s() const { return readout_s_; }
+  // first. None in the world: the map takes all rows for seen at once, and where keyframes are held
+  // that were placed so, points and poses must be made of the same pixels.
+  double readout_s() const { return in_world_ ? 0 : readout_s_; }
 
  private:
   struct WindowKeyframe {
@@ -157,7 +158,7 @@ class LocalAdjustment {
   BundleLens LensPrior() const;
   // Where all rows had been seen at the image's time.
   Eigen::Vector2d PixelOf(const LiveSight& sight) const {
-    return sight.observation.pixel.cast<double>() + readout_s_ * sight.row_motion.cast<double>();
+    return sight.observation.pixel.cast<double>() + readout_s() * sight.row_motion.cast<double>();
   }
   std::vector<Sight> CollectSights(int first, int first_free) const;
   void AddCameras(int first, int first_free, BundleProblem* problem) const;

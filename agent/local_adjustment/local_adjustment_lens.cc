@@ -44,7 +44,7 @@ BundleLens LocalAdjustment::LensPrior() const {
         MakeLens(lens.model, camera_, kHeldCornerSigmaPx, std::sqrt(covariance(2, 2)))
             .sqrt_information;
   }
-  if (readout_is_known_) {
+  if (readout_is_known_ || in_world_) {
     lens.sqrt_information.row(2) = LensVector(0, 0, 1 / kHeldReadoutSigma_s);
     lens.sqrt_information.col(2).head<2>().setZero();
   }
@@ -74,10 +74,16 @@ void LocalAdjustment::AdjustLens() {
   const bool is_first = lens_windows_++ == 0;
   const LensMatrix known = prior.sqrt_information.transpose() * prior.sqrt_information;
   const double share = 1 / (options_.lens_noise_factor * options_.lens_noise_factor);
-  const LensMatrix information = (1 - share) * known + share * covariance->inverse();
+  LensMatrix information = (1 - share) * known + share * covariance->inverse();
+  if (in_world_) {
+    // Of the readout it says what it was told.
+    const LensMatrix before = lens_.sqrt_information.transpose() * lens_.sqrt_information;
+    information.row(2) = before.row(2);
+    information.col(2) = before.col(2);
+  }
   lens_.sqrt_information = information.llt().matrixU();
   if (!lens_is_known_) camera_ = *problem.lenses[0].model;
-  if (!readout_is_known_) readout_s_ += problem.lenses[0].deviation[2];
+  if (!readout_is_known_ && !in_world_) readout_s_ += problem.lenses[0].deviation[2];
   const LensMatrix left = information.inverse();
   lens_is_known_ =
       lens_is_known_ || LensSigmaPx(camera_, left.topLeftCorner<2, 2>()) < options_.lens_known_px;
