@@ -52,7 +52,7 @@ Status LocalAdjustmentOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(known_fit.Validate());
   if (max_free_keyframes < 1 || max_keyframes <= max_free_keyframes ||
       max_kept_keyframes < max_keyframes || max_free_after_correction < max_free_keyframes ||
-      max_start_iterations < 1 || min_points < 4 || max_lens_windows < 0 ||
+      max_start_iterations < 1 || free_corrected < 0 || min_points < 4 || max_lens_windows < 0 ||
       !(lens_corner_sigma_px > 0) || !(lens_noise_factor >= 1) || !(readout_sigma_s >= 0)) {
     return absl::InvalidArgumentError("local_adjustment: a limit is out of range");
   }
@@ -144,7 +144,8 @@ void LocalAdjustment::AddKeyframe(Timestamp time, std::vector<KnownSight> known)
   // A start is far from converged.
   const bool is_start = static_cast<int>(keyframes_.size()) <= options_.max_keyframes;
   if (++keyframes_since_lens_ >= options_.max_keyframes && !is_start &&
-      lens_windows_ < options_.max_lens_windows && !(lens_is_known_ && (readout_is_known_ || in_world_))) {
+      lens_windows_ < options_.max_lens_windows &&
+      !(lens_is_known_ && (readout_is_known_ || in_world_))) {
     AdjustLens();
   }
   Adjust(options_.max_free_keyframes,
@@ -205,9 +206,12 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes, const Positi
       return !position;
     });
   }
-  for (const auto& [index, pose] : common) {
+  const size_t held =
+      std::max<size_t>(2, common.size() - std::min<size_t>(common.size(), options_.free_corrected));
+  for (size_t i = 0; i < common.size(); ++i) {
+    const auto& [index, pose] = common[i];
     keyframes_[index].window_from_camera = pose;
-    keyframes_[index].held = true;
+    keyframes_[index].held = i < held;
   }
   keyframes_.erase(keyframes_.begin(),
                    keyframes_.begin() + static_cast<std::ptrdiff_t>(common.front().first));

@@ -28,6 +28,9 @@ struct LocalAdjustmentOptions {
   // After a correction of the server everything since its last keyframe is adjusted once, up to so
   // many keyframes.
   int max_free_after_correction = 20;
+  // Of the corrected keyframes so many last ones are not held, only begun from: when the server
+  // placed them nothing had been seen after them, now it has.
+  int free_corrected = 7;
   BundleOptions bundle{.max_iterations = 4, .function_tolerance = 1e-3};
   // Iterations after a correction, and until the first max_keyframes are there: these starts are
   // farther from the solution.
@@ -108,8 +111,9 @@ class LocalAdjustment {
   void SetLens(const Eigen::Vector2d& added_radial);
 
   // Known poses of keyframes, in ascending time and another frame, which becomes the window's. They
-  // are held from now on, older keyframes forgotten, younger ones follow. False, and nothing
-  // changes, if fewer than two of them are kept. position_of: where known landmarks are by now.
+  // are held from now on, but for the last few, older keyframes forgotten, younger ones follow.
+  // False, and nothing changes, if fewer than two of them are kept. position_of: where known
+  // landmarks are by now.
   using PositionOf = std::function<std::optional<Eigen::Vector3d>(const KnownLandmarkId&)>;
   bool Hold(std::span<const KeyframePose> keyframes, const PositionOf& position_of = {});
 

@@ -152,6 +152,32 @@ TEST(LocalAdjustment, HeldKeyframesPutTheWindowInTheirFrame) {
   }
 }
 
+// The server had seen nothing after the last corrected keyframes, the window has.
+TEST(LocalAdjustment, TheLastCorrectedKeyframesAreAdjustedTheOthersHeld) {
+  const MovingCamera scene;
+  for (const int wrong : {63, 87}) {
+    LocalAdjustment window({}, scene.camera());
+    Drive(scene, 102, DriftingOdometry(0), &window);
+    std::vector<LocalAdjustment::KeyframePose> told;
+    for (int k = 45; k <= 90; k += kFramesPerKeyframe) {
+      told.push_back({scene.Time(k), MovingCamera::WorldFromCamera(k)});
+      if (k == wrong) told.back().window_from_camera.translation.y() += 0.01;
+    }
+    ASSERT_TRUE(window.Hold(told));
+    for (const LocalAdjustment::KeyframePose& keyframe : window.Keyframes()) {
+      if (keyframe.time != scene.Time(wrong)) continue;
+      const double error = (keyframe.window_from_camera.translation -
+                            MovingCamera::WorldFromCamera(wrong).translation)
+                               .norm();
+      if (wrong == 63) {
+        EXPECT_NEAR(error, 0.01, 1e-9);
+      } else {
+        EXPECT_LT(error, 0.003);
+      }
+    }
+  }
+}
+
 // Where the held keyframes leave nothing to adjust, the points are still those of the new frame.
 TEST(LocalAdjustment, PointsFollowHeldKeyframes) {
   const MovingCamera scene;

@@ -89,21 +89,25 @@ TEST(RowMotion, ALongPauseTellsNone) {
   }
 }
 
-// Returns the readout that a window over 300 frames finds.
-double Found(const MovingCamera& scene, double readout_s) {
-  LocalAdjustment window({}, scene.camera());
+void DriveRolling(const MovingCamera& scene, double readout_s, LocalAdjustment* window) {
   RowMotion row_motion(scene.camera().height_px());
   for (int frame = 0; frame <= 300; ++frame) {
     std::vector<LiveSight> sights = RollingSights(scene, frame, readout_s);
     row_motion.Measure(scene.Time(frame), &sights);
     if (frame % kFramesPerKeyframe == 1 && row_motion.middle()) {
       for (const auto& [track, motion] : row_motion.MeasureMiddle()) {
-        window.SetRowMotion(track, motion);
+        window->SetRowMotion(track, motion);
       }
     }
-    window.Locate(PoseAt(0).Inverse() * PoseAt(frame), sights);
-    if (frame % kFramesPerKeyframe == 0) window.AddKeyframe(scene.Time(frame));
+    window->Locate(PoseAt(0).Inverse() * PoseAt(frame), sights);
+    if (frame % kFramesPerKeyframe == 0) window->AddKeyframe(scene.Time(frame));
   }
+}
+
+// Returns the readout that a window over 300 frames finds.
+double Found(const MovingCamera& scene, double readout_s) {
+  LocalAdjustment window({}, scene.camera());
+  DriveRolling(scene, readout_s, &window);
   return window.readout_s();
 }
 
@@ -112,6 +116,17 @@ TEST(RowMotion, TheWindowFindsTheReadout) {
   EXPECT_NEAR(Found(scene, kReadout), kReadout, 0.1 * kReadout);
   EXPECT_NEAR(Found(scene, -kReadout), -kReadout, 0.1 * kReadout);
   EXPECT_NEAR(Found(scene, 0), 0, 5e-4);
+}
+
+// The map, which takes all rows for seen at once, has placed the held keyframes.
+TEST(RowMotion, AWindowInTheWorldTakesAllRowsForSeenAtOnce) {
+  const MovingCamera scene;
+  LocalAdjustment window({}, scene.camera());
+  DriveRolling(scene, kReadout, &window);
+  ASSERT_TRUE(window.Hold(window.Keyframes()));
+  EXPECT_EQ(window.readout_s(), 0);
+  window.Start();
+  EXPECT_NEAR(window.readout_s(), kReadout, 0.1 * kReadout);
 }
 
 }  // namespace
