@@ -11,7 +11,7 @@ namespace portolan {
 struct ConstantVelocityOptions {
   // Density of the white linear acceleration in scene depths, 1/s/sqrt(s): over a frame of dt
   // seconds the velocity wanders by this times sqrt(dt) median landmark distances a second.
-  double linear_acceleration = 0.4;
+  double linear_acceleration = 0.3;
   // Of the angular acceleration, rad/s/sqrt(s). At 30 Hz 1.2 gives 0.22 rad/s a frame, which a
   // hand-held camera reaches.
   double angular_acceleration = 1.2;
