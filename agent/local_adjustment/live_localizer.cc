@@ -1,6 +1,5 @@
 #include "agent/local_adjustment/live_localizer.h"
 
-#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -40,8 +39,8 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, PoseCorrector* correc
     std::vector<KnownSight> known;
     if (held_ && !frame.features.empty()) {
       matcher_.SetCamera(window_.camera());
-      known = matcher_.Match(memory_, held_->component, frame.sequence_number, pose,
-                             AtOneTime(frame.features));
+      known =
+          matcher_.Match(memory_, held_->component, frame.sequence_number, pose, frame.features);
     }
     const bool is_tied = !known.empty();
     window_.AddKeyframe(frame.time, std::move(known));
@@ -54,20 +53,6 @@ PlacedPose LiveLocalizer::Localize(const LiveFrame& frame, PoseCorrector* correc
     placed.frame_from_camera = pose;
   }
   return placed;
-}
-
-std::vector<Feature> LiveLocalizer::AtOneTime(std::span<const Feature> features) const {
-  std::vector<Feature> result(features.begin(), features.end());
-  for (Feature& feature : result) {
-    if (!feature.track) continue;
-    const auto sight = std::lower_bound(sights_.begin(), sights_.end(), *feature.track,
-                                        [](const LiveSight& candidate, TrackId track) {
-                                          return candidate.observation.track < track;
-                                        });
-    if (sight == sights_.end() || sight->observation.track != *feature.track) continue;
-    feature.pixel += static_cast<float>(window_.readout_s()) * sight->row_motion;
-  }
-  return result;
 }
 
 void LiveLocalizer::Learn(PoseCorrector* corrector) {

@@ -54,8 +54,6 @@ class LiveLocalizer {
  private:
   // Puts the window in the world again if the server has told something new.
   void FollowCorrections(uint32_t sequence_number, const PoseCorrector& corrector);
-  // As they would be had all rows been seen at the image's time.
-  std::vector<Feature> AtOneTime(std::span<const Feature> features) const;
   // Takes in what the server has told of other submaps.
   void Learn(PoseCorrector* corrector);
 

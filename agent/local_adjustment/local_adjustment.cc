@@ -206,8 +206,10 @@ bool LocalAdjustment::Hold(std::span<const KeyframePose> keyframes, const Positi
       return !position;
     });
   }
+  // Half of them at least, or the unit of length would hang on two neighbours of a short submap.
   const size_t held =
-      std::max<size_t>(2, common.size() - std::min<size_t>(common.size(), options_.free_corrected));
+      std::max((common.size() + 1) / 2,
+               FirstOfLast(common.size(), static_cast<size_t>(options_.free_corrected)));
   for (size_t i = 0; i < common.size(); ++i) {
     const auto& [index, pose] = common[i];
     keyframes_[index].window_from_camera = pose;

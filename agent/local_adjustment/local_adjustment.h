@@ -25,11 +25,11 @@ struct LocalAdjustmentOptions {
   // Keyframes that are kept, so that the server's correction of a submap finds them: two submaps
   // and what is taken until a correction arrives.
   int max_kept_keyframes = 48;
-  // After a correction of the server everything since its last keyframe is adjusted once, up to so
-  // many keyframes.
+  // After a correction of the server everything since its last held keyframe is adjusted once, up
+  // to so many keyframes.
   int max_free_after_correction = 20;
   // Of the corrected keyframes so many last ones are not held, only begun from: when the server
-  // placed them nothing had been seen after them, now it has.
+  // placed them nothing had been seen after them, now it has. Half of them at least are held.
   int free_corrected = 7;
   BundleOptions bundle{.max_iterations = 4, .function_tolerance = 1e-3};
   // Iterations after a correction, and until the first max_keyframes are there: these starts are
@@ -160,7 +160,7 @@ class LocalAdjustment {
   // The last max_keyframes keyframes, all free, and the lens.
   void AdjustLens();
   BundleLens LensPrior() const;
-  // Where all rows had been seen at the image's time.
+  // Where all rows had been seen at the image's time; as it was seen in the world (see readout_s).
   Eigen::Vector2d PixelOf(const LiveSight& sight) const {
     return sight.observation.pixel.cast<double>() + readout_s() * sight.row_motion.cast<double>();
   }

@@ -76,10 +76,11 @@ void LocalAdjustment::AdjustLens() {
   const double share = 1 / (options_.lens_noise_factor * options_.lens_noise_factor);
   LensMatrix information = (1 - share) * known + share * covariance->inverse();
   if (in_world_) {
-    // Of the readout it says what it was told.
+    // Of the readout it says nothing.
     const LensMatrix before = lens_.sqrt_information.transpose() * lens_.sqrt_information;
-    information.row(2) = before.row(2);
-    information.col(2) = before.col(2);
+    const LensMatrix spread = before.inverse();
+    information.row(2) = LensVector(0, 0, 1 / spread(2, 2));
+    information.col(2).head<2>().setZero();
   }
   lens_.sqrt_information = information.llt().matrixU();
   if (!lens_is_known_) camera_ = *problem.lenses[0].model;
@@ -87,7 +88,8 @@ void LocalAdjustment::AdjustLens() {
   const LensMatrix left = information.inverse();
   lens_is_known_ =
       lens_is_known_ || LensSigmaPx(camera_, left.topLeftCorner<2, 2>()) < options_.lens_known_px;
-  readout_is_known_ = readout_is_known_ || std::sqrt(left(2, 2)) < options_.readout_known_s;
+  readout_is_known_ =
+      readout_is_known_ || (!in_world_ && std::sqrt(left(2, 2)) < options_.readout_known_s);
   // The first one corrects the most. Later ones would only let the scale drift: the keyframes that
   // carry it over are free here.
   if (is_first && !in_world_) TakeResult(problem, tracks, first);

@@ -32,7 +32,8 @@ std::vector<PointMatch> Select(const std::vector<PointMatch>& matches,
 
 int CellOf(const Eigen::Vector2d& pixel, const CameraModel& camera) {
   const int column = static_cast<int>(pixel.x() * kGridColumns / camera.width_px());
-  return static_cast<int>(pixel.y() * kGridRows / camera.height_px()) * kGridColumns + column;
+  const int row = static_cast<int>(pixel.y() * kGridRows / camera.height_px());
+  return std::clamp(row, 0, kGridRows - 1) * kGridColumns + std::clamp(column, 0, kGridColumns - 1);
 }
 
 // Cells that the matched points occupy in the keyframe where they occupy most.
@@ -132,7 +133,7 @@ class Verification {
       report_->inlier_share =
           inliers_.size() / std::max(1.0, static_cast<double>(guided.matches.size()));
       report_->visible_share = inliers_.size() / std::max(1.0, 0.5 * guided.predicted);
-      report_->evenness = Evenness(guided);
+      if (round == 1) report_->evenness = Evenness(guided);
     }
     const auto refined = RefineSimilarity(a_, b_, inliers_, a_from_b_, refinement_options_);
     if (!refined) return Refuse("refinement failed");

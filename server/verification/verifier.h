@@ -42,8 +42,9 @@ struct VerifierOptions {
   // Of one place seen twice, about the same share of landmarks is found again all over the image;
   // of two places with an object in common, nearly all on the object and none beside it. Evenness
   // is the number of image cells with an inlier over that expected if inliers were spread at random
-  // over the landmarks that should be visible; asked where fewer than this share of these is found.
+  // over the landmarks that should be visible.
   double min_evenness = 0.8;
+  // It is asked only where less than this share of the landmarks that should be visible is found.
   double max_share_to_ask_evenness = 0.35;
   // Cells of an 8 x 6 grid over the image that inliers occupy, in each submap's best keyframe.
   int min_cells = 8;

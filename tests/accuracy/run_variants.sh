@@ -75,11 +75,16 @@ make() {
 printf "%-20s%14s%14s%14s%14s\n" sequence backwards "every second" "every third" "from a third"
 while IFS='|' read -r name sequence truth; do
   if [ -z "$name" ] || [[ "$name" != *"$word"* ]]; then continue; fi
+  if [ ! -d "$data/$sequence" ]; then
+    echo "NO DATA: $data/$sequence"
+    continue
+  fi
   printf "%-20s" "$name"
   for variant in backwards second third late; do
     folder="$output/${name%% *}_$variant"
     make "$folder" "$variant" "$data/$sequence" "$truth"
-    PORTOLAN_LOCKSTEP=1 deploy/mission.sh "$folder/run" "a=$folder" -- "$@" > "$folder/log.txt" 2>&1
+    PORTOLAN_LOCKSTEP=1 deploy/mission.sh "$folder/run" "a=$folder" -- "$@" > "$folder/log.txt" 2>&1 \
+      < /dev/null || { printf "%14s" FAILED; continue; }
     ate="$("$build/server/cli/portolan" evaluate --estimate "$folder/run/final/a.tum" \
       --groundtruth "$folder/groundtruth.txt" --align sim3 |
       awk -F'|' '/all agents/ && !done {split($2, a, " "); printf "%.1f", 1000 * a[1]; done = 1}')"

@@ -26,7 +26,8 @@ class PairBuilder {
   }
 
   SyntheticPair Build() {
-    for (int i = 0; i < options_.points; ++i) points_.push_back(MakePoint(i, options_.common_from_x));
+    for (int i = 0; i < options_.points; ++i)
+      points_.push_back(MakePoint(i, options_.common_from_x));
     SyntheticPair pair;
     pair.a = MakeSubmap(1, Rigid3::Identity(), 1.0, 0);
     pair.b = MakeSubmap(2, options_.a_from_b, options_.scale, kTrackOffsetOfB);

@@ -165,8 +165,11 @@ TEST(Verifier, FewFoundAgainMustLieAllOverTheView) {
     options.points = 75;
     options.private_points = 350;
     ExpectCorrect(options);
-    options.common_from_x = 1.0;
     VerificationReport report;
+    VerifyPair(MakeSyntheticPair(options), &report);
+    EXPECT_LT(report.visible_share, VerifierOptions().max_share_to_ask_evenness);
+    EXPECT_GT(report.evenness, VerifierOptions().min_evenness);
+    options.common_from_x = 1.0;
     EXPECT_FALSE(VerifyPair(MakeSyntheticPair(options), &report)) << "seed " << seed;
     EXPECT_EQ(report.refusal, "matches in one part of the view only");
     EXPECT_GT(report.visible_share, VerifierOptions().min_visible_share);
