@@ -10,16 +10,8 @@
 # many poses that is of (those in the common map); kB/s down to it; CPU ms a frame of its process;
 # frames that it dropped because the machine was busy (a line with many does not count).
 set -euo pipefail
-cd "$(dirname "$0")/../.."
-data="${PORTOLAN_DATA:-../shared/data}"
-build="build/${PORTOLAN_PRESET:-release}"
+. "$(dirname "$0")/arguments.sh"
 output=out/second_visit
-word=""
-if [ "$#" -gt 0 ] && [ "$1" != -- ]; then
-  word="$1"
-  shift
-fi
-if [ "${1:-}" = -- ]; then shift; fi
 
 # name | sequence | ground truth | first half | second half
 sequences="

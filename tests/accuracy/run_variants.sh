@@ -1,25 +1,14 @@
 #!/usr/bin/env bash
 # The real sequences as nobody has tuned for them: backwards, with every second and every third
 # frame, and begun after a third of their frames. Prints the ATE in mm (RMSE of the final map's
-# frames in lockstep, after a Sim(3) alignment) and, if it is not one, the number of parts.
+# frames in lockstep, after a Sim(3) alignment) and, if they are not one and all, in brackets the
+# number of parts and the share of the images that are in the map.
 #
 #   tests/accuracy/run_variants.sh [WORD] [-- agent flags]    sequences of $PORTOLAN_DATA
 #                                                  (../shared/data) whose name contains the word
 set -euo pipefail
-cd "$(dirname "$0")/../.."
-data="$(realpath "${PORTOLAN_DATA:-../shared/data}")"
-build="build/${PORTOLAN_PRESET:-release}"
+. "$(dirname "$0")/arguments.sh"
 output=out/variants
-word=""
-if [ "$#" -gt 0 ] && [ "$1" != -- ]; then
-  word="$1"
-  shift
-fi
-if [ "${1:-}" = -- ]; then shift; fi
-if [ ! -d "$data" ]; then
-  echo "NO DATA: set PORTOLAN_DATA to the folder of the real sequences" >&2
-  exit 1
-fi
 deploy/build.sh "${PORTOLAN_PRESET:-release}" portolan-agent portolan-server portolan > /dev/null
 
 # name | sequence | ground truth
@@ -72,7 +61,7 @@ make() {
   rm "$folder/all.txt"
 }
 
-printf "%-20s%14s%14s%14s%14s\n" sequence backwards "every second" "every third" "from a third"
+printf "%-20s%22s%22s%22s%22s\n" sequence backwards "every second" "every third" "from a third"
 while IFS='|' read -r name sequence truth; do
   if [ -z "$name" ] || [[ "$name" != *"$word"* ]]; then continue; fi
   if [ ! -d "$data/$sequence" ]; then
@@ -84,13 +73,15 @@ while IFS='|' read -r name sequence truth; do
     folder="$output/${name%% *}_$variant"
     make "$folder" "$variant" "$data/$sequence" "$truth"
     PORTOLAN_LOCKSTEP=1 deploy/mission.sh "$folder/run" "a=$folder" -- "$@" > "$folder/log.txt" 2>&1 \
-      < /dev/null || { printf "%14s" FAILED; continue; }
+      < /dev/null || { printf "%22s" FAILED; continue; }
     ate="$("$build/server/cli/portolan" evaluate --estimate "$folder/run/final/a.tum" \
       --groundtruth "$folder/groundtruth.txt" --align sim3 |
       awk -F'|' '/all agents/ && !done {split($2, a, " "); printf "%.1f", 1000 * a[1]; done = 1}')"
     parts="$(awk '$1 == "components" {print $2}' "$folder/run/info.txt")"
-    if [ "$parts" != 1 ]; then ate="$ate ($parts parts)"; fi
-    printf "%14s" "$ate"
+    share="$(cat "$folder/run/final/a.tum" "$folder/times.txt" |
+      awk '/^#/ {next} /images/ {images++; next} {poses++} END {printf "%.2f", poses / images}')"
+    if [ "$parts" != 1 ] || [ "$share" != 1.00 ]; then ate="$ate ($parts, $share)"; fi
+    printf "%22s" "$ate"
   done
   echo
 done <<< "$sequences"

@@ -238,6 +238,7 @@ TEST(Nees, DrivingHardCase) {
   c.trajectory = [](uint64_t) { return DrivingTrajectory(0.7, 0.1); };
   const Result result = MonteCarlo(c);
   EXPECT_LE(result.diverged, 1);
+  EXPECT_EQ(result.pose.failures(), 0);
   EXPECT_LT(result.pose.ratio(), 1.5);
 }
 

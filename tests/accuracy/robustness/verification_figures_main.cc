@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "common/trajectory/trajectory_io.h"
 #include "server/refinement/submap_refiner.h"
 #include "server/verification/verifier.h"
@@ -114,8 +115,14 @@ Status Run(const std::string& groundtruth_path, bool verbose,
     PORTOLAN_ASSIGN_OR_RETURN(const RecordedMission mission, ReadRecordedMission(folder));
     std::vector<PlacedByTruth> placed;
     for (const SubmapInput& input : Interleave(mission, 0)) {
+      const std::string& agent = input.submap->key.agent.value();
+      const Trajectory& truth = TruthOf(groundtruths, agent);
+      if (truth.empty()) {
+        return absl::NotFoundError(
+            absl::StrCat("no ground truth for agent ", agent, " in ", groundtruth_path));
+      }
       const auto refined = refiner.Refine(input.id, input.submap, input.camera);
-      auto submap = PlaceByTruth(refined, TruthOf(groundtruths, input.submap->key.agent.value()));
+      auto submap = PlaceByTruth(refined, truth);
       if (verbose) {
         std::printf(
             "%s/%u: %zu keyframes, %zu landmarks, rms %.2f px, %s scale %.3f depth %.2f "

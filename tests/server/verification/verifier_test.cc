@@ -243,6 +243,15 @@ TEST(VerifierOptions, RefusesNonsense) {
   options = {};
   options.min_inliers = 0;
   EXPECT_FALSE(Verifier::Create(options).ok());
+  for (double VerifierOptions::*share :
+       {&VerifierOptions::min_inlier_share, &VerifierOptions::min_visible_share,
+        &VerifierOptions::min_evenness, &VerifierOptions::max_share_to_ask_evenness}) {
+    for (const double wrong : {-0.1, 1.5, std::numeric_limits<double>::quiet_NaN()}) {
+      options = {};
+      options.*share = wrong;
+      EXPECT_FALSE(Verifier::Create(options).ok()) << wrong;
+    }
+  }
 }
 
 }  // namespace
