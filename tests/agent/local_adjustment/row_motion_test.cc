@@ -89,9 +89,12 @@ TEST(RowMotion, ALongPauseTellsNone) {
   }
 }
 
-void DriveRolling(const MovingCamera& scene, double readout_s, LocalAdjustment* window) {
+// Returns the last pose.
+Rigid3 DriveRolling(const MovingCamera& scene, int first, int last, double readout_s,
+                    LocalAdjustment* window) {
   RowMotion row_motion(scene.camera().height_px());
-  for (int frame = 0; frame <= 300; ++frame) {
+  Rigid3 pose;
+  for (int frame = first; frame <= last; ++frame) {
     std::vector<LiveSight> sights = RollingSights(scene, frame, readout_s);
     row_motion.Measure(scene.Time(frame), &sights);
     if (frame % kFramesPerKeyframe == 1 && row_motion.middle()) {
@@ -99,15 +102,16 @@ void DriveRolling(const MovingCamera& scene, double readout_s, LocalAdjustment* 
         window->SetRowMotion(track, motion);
       }
     }
-    window->Locate(PoseAt(0).Inverse() * PoseAt(frame), sights);
+    pose = window->Locate(PoseAt(0).Inverse() * PoseAt(frame), sights);
     if (frame % kFramesPerKeyframe == 0) window->AddKeyframe(scene.Time(frame));
   }
+  return pose;
 }
 
 // Returns the readout that a window over 300 frames finds.
 double Found(const MovingCamera& scene, double readout_s) {
   LocalAdjustment window({}, scene.camera());
-  DriveRolling(scene, readout_s, &window);
+  DriveRolling(scene, 0, 300, readout_s, &window);
   return window.readout_s();
 }
 
@@ -118,15 +122,26 @@ TEST(RowMotion, TheWindowFindsTheReadout) {
   EXPECT_NEAR(Found(scene, 0), 0, 5e-4);
 }
 
-// The map, which takes all rows for seen at once, has placed the held keyframes.
+// The map, which takes all rows for seen at once, has placed the held keyframes: what such a camera
+// sees is right as it is.
 TEST(RowMotion, AWindowInTheWorldTakesAllRowsForSeenAtOnce) {
   const MovingCamera scene;
   LocalAdjustment window({}, scene.camera());
-  DriveRolling(scene, kReadout, &window);
-  ASSERT_TRUE(window.Hold(window.Keyframes()));
-  EXPECT_EQ(window.readout_s(), 0);
+  DriveRolling(scene, 0, 300, kReadout, &window);
+  const double found = window.readout_s();
   window.Start();
-  EXPECT_NEAR(window.readout_s(), kReadout, 0.1 * kReadout);
+  DriveRolling(scene, 301, 348, 0, &window);
+  std::vector<LocalAdjustment::KeyframePose> told;
+  for (int k = 303; k <= 348; k += kFramesPerKeyframe) {
+    told.push_back({scene.Time(k), PoseAt(k)});
+  }
+  ASSERT_TRUE(window.Hold(told));
+  EXPECT_EQ(window.readout_s(), 0);
+  // More keyframes than those among which lens and readout are looked for. Corrected pixels: 0.034.
+  const Rigid3 pose = DriveRolling(scene, 349, 450, 0, &window);
+  EXPECT_LT((pose.translation - PoseAt(450).translation).norm(), 0.015);
+  window.Start();
+  EXPECT_NEAR(window.readout_s(), found, 0.2 * kReadout);
 }
 
 }  // namespace
