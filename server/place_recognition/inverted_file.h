@@ -4,10 +4,10 @@
 #define PORTOLAN_SERVER_PLACE_RECOGNITION_INVERTED_FILE_H_
 
 #include <cstdint>
-#include <deque>
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
+#include "server/place_recognition/posting_pool.h"
 
 namespace portolan {
 
@@ -31,33 +31,20 @@ class InvertedFile {
   std::vector<uint32_t> Vote(const std::vector<uint32_t>& words, double max_frequency) const;
 
  private:
-  // The documents of a word are a chain in one pool: most words are in one or two documents, and a
-  // container a word would take several times their room.
-  struct Posting {
-    uint32_t slot;
-    uint32_t next;  // in the pool
-  };
-  static constexpr uint32_t kEnd = UINT32_MAX;
-  struct Chain {
-    uint32_t first = kEnd;
-    uint32_t length = 0;
-  };
-
   // Null if no document has the word.
-  const Chain* Find(uint32_t word) const;
-  Chain* Find(uint32_t word) {
-    return const_cast<Chain*>(static_cast<const InvertedFile*>(this)->Find(word));
+  const PostingList* Find(uint32_t word) const;
+  PostingList* Find(uint32_t word) {
+    return const_cast<PostingList*>(static_cast<const InvertedFile*>(this)->Find(word));
   }
-  Chain& FindOrAdd(uint32_t word);
+  PostingList& FindOrAdd(uint32_t word);
   void Erase(uint32_t word);
 
   const uint32_t word_count_;
   // Of the words that occur; once these are many, a table of all words takes less room, and none
   // twice when it grows.
-  absl::flat_hash_map<uint32_t, Chain> chains_;
-  std::vector<Chain> chain_table_;
-  std::deque<Posting> pool_;
-  uint32_t first_free_;  // chain of unused postings
+  absl::flat_hash_map<uint32_t, PostingList> lists_;
+  std::vector<PostingList> list_table_;
+  PostingPool pool_;
   uint32_t slot_end_ = 0;
   int document_count_ = 0;
 };

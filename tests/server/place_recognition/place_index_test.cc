@@ -1,5 +1,6 @@
 #include "server/place_recognition/place_index.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +9,7 @@
 
 #include "server/place_recognition/inverted_file.h"
 #include "server/place_recognition/locality_words.h"
+#include "server/place_recognition/posting_pool.h"
 
 namespace portolan {
 namespace {
@@ -205,6 +207,51 @@ TEST(InvertedFile, RareWordsWeighMoreAndCommonOnesNothing) {
   EXPECT_EQ(votes[7], 0u);  // word 1 is in all of them
   file.Remove(5, {1, 105, 202});
   EXPECT_EQ(file.Vote({105}, 0.3)[5], 0u);
+}
+
+// Against a list of lists, by turns at random.
+TEST(PostingPool, ListsKeepWhatIsAddedAndNotTakenOut) {
+  std::mt19937 random(3);
+  PostingPool pool;
+  std::vector<PostingList> lists(40);
+  std::vector<std::vector<uint32_t>> expected(lists.size());
+  for (uint32_t number = 0; number < 40000; ++number) {
+    // The lists grow, shrink to nothing, and grow again; high ones are longer.
+    const size_t i = std::max(random() % lists.size(), random() % lists.size());
+    const bool grows = random() % 10 < ((number / 10000) % 2 == 0 ? 7u : 2u);
+    if (grows) {
+      pool.Append(number, &lists[i]);
+      expected[i].push_back(number);
+    } else if (!expected[i].empty()) {
+      const size_t k = random() % expected[i].size();
+      pool.Remove(expected[i][k], &lists[i]);
+      expected[i].erase(expected[i].begin() + static_cast<std::ptrdiff_t>(k));
+    }
+    pool.Remove(number + 1, &lists[i]);  // is not there
+    ASSERT_EQ(lists[i].length, expected[i].size());
+    if (number % 500 != 0) continue;
+    for (size_t k = 0; k < lists.size(); ++k) {
+      EXPECT_THAT(pool.Numbers(lists[k]), testing::UnorderedElementsAreArray(expected[k]));
+    }
+  }
+}
+
+TEST(PostingPool, AListMayBeLongerThanASegment) {
+  PostingPool pool;
+  std::vector<PostingList> lists(3);
+  constexpr uint32_t kCount = 200000;
+  for (uint32_t number = 0; number < kCount; ++number) {
+    for (uint32_t i = 0; i < 3; ++i) pool.Append(3 * number + i, &lists[i]);
+  }
+  pool.Remove(3 * 1000 + 1, &lists[1]);
+  for (uint32_t i = 0; i < 3; ++i) {
+    const auto numbers = pool.Numbers(lists[i]);
+    ASSERT_EQ(numbers.size(), i == 1 ? kCount - 1 : kCount);
+    for (uint32_t k = 0; k < numbers.size(); ++k) {
+      const uint32_t expected = i == 1 && k == 1000 ? kCount - 1 : k;
+      ASSERT_EQ(numbers[k], 3 * expected + i);
+    }
+  }
 }
 
 // With few words to be told apart its map becomes a table on the way.
