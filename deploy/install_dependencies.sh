@@ -5,25 +5,43 @@ set -euo pipefail
 
 list="$(cd "$(dirname "$0")" && pwd)/dependencies.txt"
 missing=()
-while read -r package; do
+missing_optional=()
+while read -r package kind; do
   case "$package" in ''|'#'*) continue ;; esac
-  if ! dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'ok installed'; then
+  if dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'ok installed'; then
+    continue
+  fi
+  if [ "$kind" = optional ]; then
+    missing_optional+=("$package")
+  else
     missing+=("$package")
   fi
 done < "$list"
 
-if [ "${#missing[@]}" -eq 0 ]; then
+if [ "${#missing[@]}" -eq 0 ] && [ "${#missing_optional[@]}" -eq 0 ]; then
   exit 0
 fi
-echo "Installing: ${missing[*]}"
 as_root=()
 if [ "$(id -u)" -ne 0 ]; then
-  if ! command -v sudo > /dev/null; then
+  if command -v sudo > /dev/null; then
+    as_root=(sudo)
+  elif [ "${#missing[@]}" -gt 0 ]; then
     echo "error: run as root, or install these packages yourself: ${missing[*]}" >&2
     exit 1
+  else
+    echo "Missing, and not needed: ${missing_optional[*]}"
+    exit 0
   fi
-  as_root=(sudo)
 fi
-"${as_root[@]}" apt-get update -qq
-"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
-  apt-get install -y -qq --no-install-recommends "${missing[@]}" > /dev/null
+install() {
+  echo "Installing: $*"
+  "${as_root[@]}" apt-get update -qq &&
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+      apt-get install -y -qq --no-install-recommends "$@" > /dev/null
+}
+if [ "${#missing[@]}" -gt 0 ]; then
+  install "${missing[@]}"
+fi
+if [ "${#missing_optional[@]}" -gt 0 ]; then
+  install "${missing_optional[@]}" || echo "Not installed, and not needed: ${missing_optional[*]}" >&2
+fi

@@ -85,7 +85,8 @@ void MapAligner::AddSubmap(std::shared_ptr<const RefinedSubmap> refined) {
 
 void MapAligner::AddClosures(const std::vector<Closure>& closures) {
   EarnSolvingCredit();
-  JudgeUnjudged([this] { return solving_credit_ > 0; });
+  // The background's work, but it has no time if so much is unspent.
+  JudgeUnjudged([this] { return HasMuchCredit(); });
   if (closures.empty()) return;
   for (const Closure& closure : closures) {
     if (model_.Contains(closure.a) && model_.Contains(closure.b)) pending_.push_back(closure);

@@ -73,9 +73,10 @@ struct MapAlignerOptions {
   int loop_region_submaps = 60;
   int max_loop_region_submaps = 2000;
   // Every new submap may cost as much as the solution of a region of so many; what it leaves is
-  // saved for others. A closure for whose region the savings do not suffice waits. In submaps, not
-  // in seconds, so that runs can be repeated.
-  int solving_credit_submaps = 500;
+  // saved for others, and for closures that the background judges. A closure for whose region the
+  // savings do not suffice waits, in the end until the background has nothing else to do. In
+  // submaps, not in seconds, so that runs can be repeated.
+  int solving_credit_submaps = 250;
   // Closures that were not accepted are kept for this many later ones to agree with.
   int max_pending = 1000;
 
@@ -193,9 +194,11 @@ class MapAligner {
   // May not solve: only if it agrees with the map as it is.
   bool AcceptIfItAgrees(const std::shared_ptr<const Closure>& closure, bool may_solve);
   void EarnSolvingCredit();
+  // Half of what can be saved up.
+  bool HasMuchCredit() const;
   void JudgeUnjudged(const std::function<bool()>& may_go_on);
-  // What waits in the component, for it has changed: accepts what agrees, the others become
-  // unjudged.
+  // What waits in the component, for it has changed: accepts what agrees; of the others, those that
+  // it contradicts less than before become unjudged.
   void JudgeAgain(ComponentId component);
   // Squared Mahalanobis distance of a closure from the map: by its own covariance, or with that of
   // the chain between its ends too; no value if that chain is too long.
@@ -235,8 +238,9 @@ class MapAligner {
   bool has_fixes_ = false;  // some submap has
   std::map<ComponentId, std::shared_ptr<const GeoreferenceReport>> georeferences_;
   ClosureList pending_;
-  // Waiting closures inside of large components that were judged or wait for that.
-  std::set<const Closure*> seen_;
+  // Waiting closures inside of large components that were judged, by their disagreement with the
+  // map then, or wait for that, by infinity.
+  std::map<const Closure*, double> seen_;
   std::deque<std::shared_ptr<const Closure>> unjudged_;
   int64_t solving_credit_ = 0;  // in submaps of regions; below zero: spent in advance
   // Waiting closures of two components, one of them large, when they were last judged.

@@ -1,6 +1,7 @@
 // Closures inside of large components: which to accept, and what they move.
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <memory>
 
 #include "common/linear_algebra/dense.h"
@@ -21,6 +22,13 @@ constexpr double kMaxReliefOfRim = 30.0;
 
 // Relative decrease of a region's cost under which it has converged.
 constexpr double kMinRegionDecrease = 1e-2;
+
+// Of a closure that was never judged.
+constexpr double kUnjudged = std::numeric_limits<double>::infinity();
+
+// A closure that was refused is judged again when it contradicts the map by less than this share
+// of what it did: most never will be right, and each costs the solution of a large region.
+constexpr double kNewHope = 0.5;
 
 // Submaps whose credit can be saved up.
 constexpr int64_t kMaxSavedCredits = 40;
@@ -56,7 +64,7 @@ bool MapAligner::CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> c
   });
   bool closed = false;
   for (const auto& closure : candidates) {
-    seen_.insert(closure.get());
+    seen_[closure.get()] = kUnjudged;
     const bool may_solve = solving_credit_ > 0;
     if (AcceptIfItAgrees(closure, may_solve)) {
       closed = true;
@@ -68,10 +76,12 @@ bool MapAligner::CloseLoopsLocally(std::vector<std::shared_ptr<const Closure>> c
 }
 
 bool MapAligner::AcceptIfItAgrees(const std::shared_ptr<const Closure>& closure, bool may_solve) {
-  bool agrees = Disagreement(*closure) <= options_.graph.max_chi2;
+  const double disagreement = Disagreement(*closure);
+  bool agrees = disagreement <= options_.graph.max_chi2;
   if (!agrees && may_solve) {
     const std::optional<double> along_chain = DisagreementAlongChain(*closure);
     agrees = (!along_chain || *along_chain <= options_.graph.max_chi2) && SolveAround(*closure);
+    seen_[closure.get()] = disagreement;
   }
   if (!agrees) return false;
   Accept(closure);
@@ -82,6 +92,10 @@ bool MapAligner::AcceptIfItAgrees(const std::shared_ptr<const Closure>& closure,
 void MapAligner::EarnSolvingCredit() {
   solving_credit_ = std::min<int64_t>(solving_credit_ + options_.solving_credit_submaps,
                                       kMaxSavedCredits * options_.solving_credit_submaps);
+}
+
+bool MapAligner::HasMuchCredit() const {
+  return 2 * solving_credit_ > kMaxSavedCredits * options_.solving_credit_submaps;
 }
 
 void MapAligner::JudgeUnjudged(const std::function<bool()>& may_go_on) {
@@ -111,7 +125,8 @@ void MapAligner::JudgeAgain(ComponentId component) {
   }
   std::erase_if(unjudged_, [&](const auto& closure) { return is_inside(*closure); });
   for (const auto& closure : waiting) {
-    if (!AcceptIfItAgrees(closure, false)) unjudged_.push_back(closure);
+    if (AcceptIfItAgrees(closure, false)) continue;
+    if (Disagreement(*closure) < kNewHope * seen_.at(closure.get())) unjudged_.push_back(closure);
   }
 }
 

@@ -71,11 +71,10 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     Relax(relaxing_->component, interrupt);
     return;
   }
-  if (!unjudged_.empty()) {
-    // New submaps do not pay for this.
-    const int64_t credit = solving_credit_;
-    JudgeUnjudged([&interrupt] { return !interrupt; });
-    solving_credit_ = credit;
+  const bool is_else_done = restless_.empty() && strained_.empty();
+  if (!unjudged_.empty() && (solving_credit_ > 0 || is_else_done)) {
+    JudgeUnjudged([&] { return !interrupt && (solving_credit_ > 0 || is_else_done); });
+    solving_credit_ = std::max<int64_t>(solving_credit_, 0);
     return;
   }
   if (restless_.empty()) {
@@ -199,7 +198,7 @@ void MapAligner::CancelRelaxation(ComponentId component) {
 
 void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt) {
   if (relaxing_ == nullptr) BeginRelaxation(component);
-  if (!relaxing_->relaxation->Run(&interrupt)) return;
+  if (!relaxing_->relaxation->Run(model_, &interrupt)) return;
   const RelaxationSummary summary = relaxing_->relaxation->summary();
   if (summary.iterations > 0) TakeRelaxation();
   const std::unique_ptr<Relaxing> done = std::exchange(relaxing_, nullptr);

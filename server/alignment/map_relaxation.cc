@@ -2,10 +2,13 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <future>
 #include <limits>
 #include <map>
 
+#include "common/base/thread_priority.h"
 #include "server/alignment/block_system.h"
 #include "server/alignment/relaxation_elements.h"
 #include "server/alignment/relaxation_map.h"
@@ -19,6 +22,7 @@ constexpr double kUnprojectableChi2 = 800.0;
 constexpr int kMaxAttempts = 5;           // to find a step that lowers the cost
 constexpr int kInterruptInterval = 1024;  // landmarks
 constexpr size_t kLossSamples = 10000;    // landmarks whose errors are looked at beforehand
+constexpr auto kInterruptCheckInterval = std::chrono::milliseconds(2);
 
 }  // namespace
 
@@ -28,10 +32,10 @@ class MapRelaxation::Impl {
        const std::vector<SubmapId>& submaps, const MapModel& model,
        const std::vector<PositionTerm>* positions)
       : options_(options),
-        map_(model, submaps,
-             submaps.size() > static_cast<size_t>(options.max_whole_submaps)
-                 ? static_cast<size_t>(options.max_landmarks)
-                 : std::numeric_limits<size_t>::max()),
+        max_landmarks_(submaps.size() > static_cast<size_t>(options.max_whole_submaps)
+                           ? static_cast<size_t>(options.max_landmarks)
+                           : std::numeric_limits<size_t>::max()),
+        map_(model, submaps),
         bodies_(map_.bodies()) {
     if (positions != nullptr) {
       for (const PositionTerm& term : *positions) {
@@ -45,11 +49,14 @@ class MapRelaxation::Impl {
     if (bodies_.size() < 2) phase_ = Phase::kDone;
   }
 
-  bool Run(const std::atomic<bool>* interrupt) {
+  bool Run(const MapModel& model, const std::atomic<bool>* interrupt) {
     interrupt_ = interrupt;
     summary_.interrupted = false;
     while (phase_ != Phase::kDone && !Interrupted()) {
       switch (phase_) {
+        case Phase::kCollect:
+          if (map_.AddSomePoints(model, max_landmarks_)) phase_ = Phase::kLinearize;
+          break;
         case Phase::kLinearize:
           Linearize();
           break;
@@ -70,9 +77,9 @@ class MapRelaxation::Impl {
   const RelaxationMap& map() const { return map_; }
 
  private:
-  // Of one step. The first and the last go through the landmarks and may be interrupted between any
-  // two of them.
-  enum class Phase { kLinearize, kSolve, kTry, kDone };
+  // After the first, of one step. They go through the landmarks, or wait for the solution, and may
+  // be interrupted on the way.
+  enum class Phase { kCollect, kLinearize, kSolve, kTry, kDone };
 
   bool Interrupted() {
     if (interrupt_ != nullptr && *interrupt_) summary_.interrupted = true;
@@ -256,7 +263,21 @@ class MapRelaxation::Impl {
   }
 
   void Solve() {
-    if (attempt_++ == kMaxAttempts || !system_.Solve(damping_, &step_)) {
+    if (!solution_.valid()) {
+      if (attempt_++ == kMaxAttempts) {
+        phase_ = Phase::kDone;
+        return;
+      }
+      // Seconds in a map of ten thousand submaps.
+      solution_ = std::async(std::launch::async, [this] {
+        YieldToOtherThreads();
+        return system_.Solve(damping_, &step_);
+      });
+    }
+    while (solution_.wait_for(kInterruptCheckInterval) != std::future_status::ready) {
+      if (Interrupted()) return;
+    }
+    if (!solution_.get()) {
       phase_ = Phase::kDone;
       return;
     }
@@ -364,6 +385,7 @@ class MapRelaxation::Impl {
   }
 
   const MapRelaxationOptions options_;
+  const size_t max_landmarks_;  // of a submap
   RelaxationMap map_;
   std::vector<RelaxationBody>& bodies_;
   const std::atomic<bool>* interrupt_ = nullptr;
@@ -373,7 +395,7 @@ class MapRelaxation::Impl {
   RelaxationPositions positions_;
   RelaxationSummary summary_;
   // How far it is.
-  Phase phase_ = Phase::kLinearize;
+  Phase phase_ = Phase::kCollect;
   double damping_ = 1e-6;
   size_t next_point_ = 0;
   double cost_ = 0;
@@ -383,6 +405,9 @@ class MapRelaxation::Impl {
   std::vector<std::vector<Similarity3>> step_moved_;  // the world, by body and keyframe
   std::vector<Eigen::Vector3d> tried_;                // points after the step
   double tried_cost_ = 0;
+  // While it is valid its thread alone uses system_, damping_ and step_; the last member, so that
+  // it ends before they do.
+  std::future<bool> solution_;
 };
 
 Status MapRelaxationOptions::Validate() const {
@@ -401,7 +426,9 @@ MapRelaxation::MapRelaxation(const MapRelaxationOptions& options, const MetricFr
 
 MapRelaxation::~MapRelaxation() = default;
 
-bool MapRelaxation::Run(const std::atomic<bool>* interrupt) { return impl_->Run(interrupt); }
+bool MapRelaxation::Run(const MapModel& model, const std::atomic<bool>* interrupt) {
+  return impl_->Run(model, interrupt);
+}
 
 const RelaxationSummary& MapRelaxation::summary() const { return impl_->summary(); }
 
@@ -415,7 +442,7 @@ RelaxationSummary RelaxSubmaps(const MapRelaxationOptions& options,
                                const std::atomic<bool>* interrupt, MapModel* model,
                                const std::vector<PositionTerm>* positions) {
   MapRelaxation relaxation(options, metric, submaps, *model, positions);
-  relaxation.Run(interrupt);
+  relaxation.Run(*model, interrupt);
   if (relaxation.summary().iterations > 0) relaxation.ApplyTo(model);
   return relaxation.summary();
 }

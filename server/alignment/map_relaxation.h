@@ -63,8 +63,9 @@ class MapRelaxation {
                 const std::vector<PositionTerm>* positions);
   ~MapRelaxation();
 
-  // Goes on to its end, which is true, or until the interrupt; call it again then.
-  bool Run(const std::atomic<bool>* interrupt);
+  // Goes on to its end, which is true, or until the interrupt; call it again then. The systems are
+  // solved by another thread, which an interrupt does not wait for.
+  bool Run(const MapModel& model, const std::atomic<bool>* interrupt);
   // `interrupted` and so on, so far.
   const RelaxationSummary& summary() const;
   // Moves the model as the complete steps moved the copy, once; the submaps that were relaxed are

@@ -10,12 +10,17 @@ namespace {
 // Share of the landmarks that are taken for the submaps that see them.
 constexpr double kConnectedShare = 0.75;
 
+constexpr size_t kBodiesAtOnce = 50;
+
 }  // namespace
 
-RelaxationMap::RelaxationMap(const MapModel& model, const std::vector<SubmapId>& submaps,
-                             size_t max_landmarks) {
+RelaxationMap::RelaxationMap(const MapModel& model, const std::vector<SubmapId>& submaps)
+    : taken_(model.landmarks().size(), 0) {
   AddBodies(model, submaps);
-  AddPoints(model, submaps, max_landmarks);
+  place_at_start_.reserve(model.landmarks().size());
+  for (const ModelLandmark& landmark : model.landmarks()) {
+    place_at_start_.push_back(landmark.point_in_world);
+  }
 }
 
 void RelaxationMap::AddBodies(const MapModel& model, const std::vector<SubmapId>& submaps) {
@@ -46,14 +51,18 @@ void RelaxationMap::UpdateFrames() {
   }
 }
 
-void RelaxationMap::AddPoints(const MapModel& model, const std::vector<SubmapId>& submaps,
-                              size_t max_landmarks) {
-  std::vector<char> known(model.landmarks().size(), 0);
-  for (const SubmapId id : submaps) {
-    for (const int landmark : Selected(model, bodies_[body_of_.at(id)], max_landmarks)) {
-      if (std::exchange(known[landmark], 1) == 0) AddPoint(model, landmark);
+bool RelaxationMap::AddSomePoints(const MapModel& model, size_t max_landmarks) {
+  const size_t end = std::min(next_body_ + kBodiesAtOnce, bodies_.size());
+  for (; next_body_ < end; ++next_body_) {
+    for (const int landmark : Selected(model, bodies_[next_body_], max_landmarks)) {
+      if (static_cast<size_t>(landmark) >= taken_.size()) continue;
+      if (std::exchange(taken_[landmark], 1) == 0) AddPoint(model, landmark);
     }
   }
+  if (next_body_ < bodies_.size()) return false;
+  std::vector<Eigen::Vector3d>().swap(place_at_start_);
+  std::vector<char>().swap(taken_);
+  return true;
 }
 
 std::vector<int> RelaxationMap::Selected(const MapModel& model, const RelaxationBody& body,
@@ -77,7 +86,7 @@ void RelaxationMap::AddPoint(const MapModel& model, int landmark) {
   const ModelLandmark& known = model.landmarks()[landmark];
   RelaxationPoint point;
   point.landmark = landmark;
-  point.in_world = point.at_start = known.point_in_world;
+  point.in_world = point.at_start = place_at_start_[landmark];
   if (const auto owner = body_of_.find(known.sights.front().submap); owner != body_of_.end()) {
     point.owner = owner->second;
   }

@@ -13,9 +13,13 @@ namespace portolan {
 
 class RelaxationMap {
  public:
+  // Copies the submaps (of one component) and the places of the landmarks.
+  RelaxationMap(const MapModel& model, const std::vector<SubmapId>& submaps);
+
   // Takes all landmarks of the submaps, or `max_landmarks` of each: those that most submaps see,
-  // and every few of the others.
-  RelaxationMap(const MapModel& model, const std::vector<SubmapId>& submaps, size_t max_landmarks);
+  // and every few of the others. A few submaps a call, until it returns true; the model may have
+  // changed since the last one, what came since takes no part.
+  bool AddSomePoints(const MapModel& model, size_t max_landmarks);
 
   std::vector<RelaxationBody>& bodies() { return bodies_; }
   const std::vector<RelaxationBody>& bodies() const { return bodies_; }
@@ -33,7 +37,6 @@ class RelaxationMap {
 
  private:
   void AddBodies(const MapModel& model, const std::vector<SubmapId>& submaps);
-  void AddPoints(const MapModel& model, const std::vector<SubmapId>& submaps, size_t max_landmarks);
   std::vector<int> Selected(const MapModel& model, const RelaxationBody& body,
                             size_t max_landmarks) const;
   void AddPoint(const MapModel& model, int landmark);
@@ -43,6 +46,10 @@ class RelaxationMap {
   std::vector<RelaxationSight> sights_;
   std::unordered_map<SubmapId, int> body_of_;
   int node_count_ = 0;
+  // While points are added: by landmark, where it was, and whether it was taken; the next submap.
+  std::vector<Eigen::Vector3d> place_at_start_;
+  std::vector<char> taken_;
+  size_t next_body_ = 0;
 };
 
 }  // namespace portolan

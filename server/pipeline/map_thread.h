@@ -32,7 +32,7 @@ struct MapThreadOptions {
   // How long a submap that is ready may wait for background work; longer by the preparation of
   // another one that has begun. Interrupted at once, background work would get nothing done between
   // the submaps of a hundred agents.
-  Duration background_patience = std::chrono::milliseconds(200);
+  Duration background_patience = std::chrono::milliseconds(100);
   // Background work is completed and the map saved after every single submap, so that the result
   // depends on the order of submaps only, not on time, and survives a crash to the bit.
   bool lockstep = false;

@@ -147,7 +147,7 @@ TEST_F(MapRelaxationTest, InterruptedAtOnceChangesNothing) {
 
 // At once, and then ever later, so that a build that is slow comes to an end as well. Returns how
 // often: once at least, and on a busy machine it may be no more.
-int RunInterruptedAgainAndAgain(MapRelaxation* relaxation) {
+int RunInterruptedAgainAndAgain(const MapModel& model, MapRelaxation* relaxation) {
   std::atomic<bool> interrupt = false;
   std::promise<void> started, done;
   std::thread other([&, is_done = done.get_future()] {
@@ -158,7 +158,7 @@ int RunInterruptedAgainAndAgain(MapRelaxation* relaxation) {
   });
   started.get_future().wait();
   int interruptions = 0;
-  while (!relaxation->Run(&interrupt)) {
+  while (!relaxation->Run(model, &interrupt)) {
     EXPECT_TRUE(relaxation->summary().interrupted);
     ++interruptions;
     interrupt = false;
@@ -174,13 +174,13 @@ TEST_F(MapRelaxationTest, InterruptedAgainAndAgainItComesToTheSame) {
   const MapModel bent = model_;
   MapModel at_once = model_;
   MapRelaxation whole({}, {}, ids_, at_once, nullptr);
-  EXPECT_TRUE(whole.Run(nullptr));
+  EXPECT_TRUE(whole.Run(at_once, nullptr));
   const auto ends = whole.ApplyTo(&at_once);
 
   for (int interruptions = 0; interruptions <= 5;) {
     model_ = bent;
     MapRelaxation broken({}, {}, ids_, model_, nullptr);
-    const int more = RunInterruptedAgainAndAgain(&broken);
+    const int more = RunInterruptedAgainAndAgain(model_, &broken);
     ASSERT_GT(more, 0);
     interruptions += more;
     EXPECT_FALSE(broken.summary().interrupted);
@@ -200,6 +200,25 @@ TEST_F(MapRelaxationTest, InterruptedAgainAndAgainItComesToTheSame) {
       EXPECT_EQ(model_.landmarks()[i].point_in_world, at_once.landmarks()[i].point_in_world);
     }
   }
+}
+
+// What is moved while a relaxation goes on, even before it has seen a landmark, is not what it
+// relaxes.
+TEST_F(MapRelaxationTest, ItRelaxesTheMapAsItBegan) {
+  Make(false);
+  Bend();
+  MapRelaxation undisturbed({}, {}, ids_, model_, nullptr);
+  EXPECT_TRUE(undisturbed.Run(model_, nullptr));
+  MapRelaxation disturbed({}, {}, ids_, model_, nullptr);
+  const std::atomic<bool> at_once = true;
+  EXPECT_FALSE(disturbed.Run(model_, &at_once));
+  const Vector7d step = 0.3 * Vector7d::Ones();
+  for (const SubmapId id : {ids_[1], ids_[2]}) {
+    model_.MoveSubmap(id, model_.submap(id).world_from_submap * Similarity3::Exp(step));
+  }
+  EXPECT_TRUE(disturbed.Run(model_, nullptr));
+  EXPECT_EQ(disturbed.summary().initial_cost, undisturbed.summary().initial_cost);
+  EXPECT_EQ(disturbed.summary().final_cost, undisturbed.summary().final_cost);
 }
 
 TEST(MapRelaxationOptions, RefusesNonsense) {
