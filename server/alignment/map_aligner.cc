@@ -313,6 +313,8 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
   Touch(ids);
   ReportErrors(component);
   if (adjustment.summary.interrupted) return;
+  // If some are put back the component stays stale.
+  if (PutBackStrays(ids)) return;
   stale_.erase(component);
   MakeMetric(component);
   DropFailedClosures(component);

@@ -153,6 +153,9 @@ class MapAligner {
   // accepted ones back if more speaks against them.
   void ReviewClosures();
   bool ReviewComponent(ComponentId component);
+  // Once a submap: keyframes that disagree with all that they see, though the others do not, go
+  // where the refined submap has them beside those. True if there are any.
+  bool PutBackStrays(const std::vector<SubmapId>& ids);
   bool JoinComponents();
   void Join(const std::vector<Closure>& agreeing);
   // Of one component, or of all.
@@ -249,6 +252,7 @@ class MapAligner {
   std::map<ComponentId, size_t> reviewed_counts_;
   // Ends of closures that did not survive an adjustment once; another time they are forgotten.
   std::set<std::pair<SubmapId, SubmapId>> failed_once_;
+  std::set<SubmapId> put_back_;
   std::map<SubmapKey, SubmapId> id_of_key_;
   // Urgency by component: 2 after a closure, 1 after a new submap.
   std::map<ComponentId, int> stale_;

@@ -1,5 +1,7 @@
 // Second thoughts of MapAligner: waiting closures that contradict the map may be right, and
 // closures that were accepted before them wrong.
+#include <algorithm>
+#include <cstdlib>
 #include <map>
 #include <memory>
 #include <set>
@@ -9,6 +11,30 @@
 #include "server/alignment/map_aligner.h"
 
 namespace portolan {
+namespace {
+
+// A keyframe with a smaller share of inliers was pulled away, by a wrong closure that is gone by
+// now, so far that the bundle adjustment takes all that it sees for outliers.
+constexpr double kMinInliersOfKeyframe = 0.25;
+
+// By keyframe.
+std::vector<bool> Strays(const ModelSubmap& submap) {
+  std::vector<int> inliers(submap.world_from_camera.size(), 0), all = inliers;
+  for (size_t i = 0; i < submap.landmarks.size(); ++i) {
+    for (const ModelSight& sight : submap.sights[i]) {
+      inliers[sight.keyframe] += sight.inlier ? 1 : 0;
+      ++all[sight.keyframe];
+    }
+  }
+  std::vector<bool> strays;
+  for (size_t k = 0; k < all.size(); ++k) {
+    strays.push_back(inliers[k] < kMinInliersOfKeyframe * all[k]);
+  }
+  return strays;
+}
+
+}  // namespace
+
 void MapAligner::SettleWaiting() {
   // A join turns other closures into loops, and a corrected loop may let others agree.
   while (JoinComponents()) CloseLoops();
@@ -93,6 +119,38 @@ bool MapAligner::ReviewComponent(ComponentId component) {
   }
   Touch(ids);
   return true;
+}
+
+bool MapAligner::PutBackStrays(const std::vector<SubmapId>& ids) {
+  bool some = false;
+  for (const SubmapId id : ids) {
+    const ModelSubmap& submap = model_.submap(id);
+    std::vector<bool> strays = Strays(submap);
+    // A predecessor decides about the keyframe that it shares.
+    if (submap.link) strays.front() = false;
+    const auto count = std::count(strays.begin(), strays.end(), true);
+    if (count == 0 || 2 * count > static_cast<std::ptrdiff_t>(strays.size())) continue;
+    if (!put_back_.insert(id).second) continue;
+    some = true;
+    const std::vector<Rigid3>& refined = submap.refined->submap_from_camera;
+    for (int k = 0; k < static_cast<int>(strays.size()); ++k) {
+      if (!strays[k]) continue;
+      int nearest = -1;
+      for (int j = 0; j < static_cast<int>(strays.size()); ++j) {
+        if (!strays[j] && (nearest < 0 || std::abs(j - k) < std::abs(nearest - k))) nearest = j;
+      }
+      Rigid3 step = refined[nearest].Inverse() * refined[k];
+      step.translation *= submap.world_from_submap.scale;
+      model_.SetCamera(id, k, submap.world_from_camera[nearest] * step);
+    }
+    for (size_t i = 0; i < submap.landmarks.size(); ++i) {
+      for (size_t k = 0; k < submap.sights[i].size(); ++k) {
+        if (!strays[submap.sights[i][k].keyframe]) continue;
+        model_.SetInlier(id, static_cast<int>(i), static_cast<int>(k), true);
+      }
+    }
+  }
+  return some;
 }
 
 }  // namespace portolan
