@@ -268,13 +268,13 @@ class MapRelaxation::Impl {
         phase_ = Phase::kDone;
         return;
       }
-      // Seconds in a map of ten thousand submaps.
-      solution_ = std::async(std::launch::async, [this] {
+      // Seconds in a map of ten thousand submaps. By this thread if the system has none to give.
+      solution_ = std::async(std::launch::async | std::launch::deferred, [this] {
         YieldToOtherThreads();
         return system_.Solve(damping_, &step_);
       });
     }
-    while (solution_.wait_for(kInterruptCheckInterval) != std::future_status::ready) {
+    while (solution_.wait_for(kInterruptCheckInterval) == std::future_status::timeout) {
       if (Interrupted()) return;
     }
     if (!solution_.get()) {
