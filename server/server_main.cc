@@ -12,13 +12,6 @@
 #include "server/map_builder_engine.h"
 #include "server/server.h"
 
-// Read by jemalloc, where that is linked: what is free goes back to the system after a second, not
-// ten.
-extern "C" {
-extern const char* malloc_conf;
-const char* malloc_conf = "dirty_decay_ms:1000,muzzy_decay_ms:0";
-}
-
 namespace portolan {
 namespace {
 
