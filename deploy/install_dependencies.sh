@@ -42,6 +42,10 @@ install() {
 if [ "${#missing[@]}" -gt 0 ]; then
   install "${missing[@]}"
 fi
-if [ "${#missing_optional[@]}" -gt 0 ]; then
+# Once: a machine without a network would wait for it at every build.
+tried="$(dirname "$list")/../build/optional_packages_tried"
+if [ "${#missing_optional[@]}" -gt 0 ] && [ ! -e "$tried" ]; then
+  mkdir -p "$(dirname "$tried")"
+  touch "$tried"
   install "${missing_optional[@]}" || echo "Not installed, and not needed: ${missing_optional[*]}" >&2
 fi

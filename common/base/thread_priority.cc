@@ -7,7 +7,8 @@ namespace portolan {
 
 void YieldToOtherThreads() {
   // Linux has a niceness for every thread.
-  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), 10);
+  const auto thread = static_cast<id_t>(gettid());
+  if (getpriority(PRIO_PROCESS, thread) < 10) setpriority(PRIO_PROCESS, thread, 10);
 }
 
 }  // namespace portolan

@@ -5,7 +5,8 @@
 namespace portolan {
 
 // From now on the calling thread leaves the processor to threads of ordinary priority that want it
-// (niceness 10: it has a tenth of what they have). Does nothing if the system refuses.
+// (niceness 10: it has a tenth of what they have), if it does not do so already. Does nothing if
+// the system refuses.
 void YieldToOtherThreads();
 
 }  // namespace portolan

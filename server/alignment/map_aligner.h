@@ -252,6 +252,7 @@ class MapAligner {
   std::map<ComponentId, size_t> reviewed_counts_;
   // Ends of closures that did not survive an adjustment once; another time they are forgotten.
   std::set<std::pair<SubmapId, SubmapId>> failed_once_;
+  // Some of whose keyframes were put back.
   std::set<SubmapId> put_back_;
   std::map<SubmapKey, SubmapId> id_of_key_;
   // Urgency by component: 2 after a closure, 1 after a new submap.

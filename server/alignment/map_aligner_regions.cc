@@ -71,9 +71,9 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     Relax(relaxing_->component, interrupt);
     return;
   }
-  const bool is_else_done = restless_.empty() && strained_.empty();
-  if (!unjudged_.empty() && (solving_credit_ > 0 || is_else_done)) {
-    JudgeUnjudged([&] { return !interrupt && (solving_credit_ > 0 || is_else_done); });
+  const bool is_all_else_done = restless_.empty() && strained_.empty();
+  if (!unjudged_.empty() && (solving_credit_ > 0 || is_all_else_done)) {
+    JudgeUnjudged([&] { return !interrupt && (solving_credit_ > 0 || is_all_else_done); });
     solving_credit_ = std::max<int64_t>(solving_credit_, 0);
     return;
   }

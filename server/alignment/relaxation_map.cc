@@ -17,9 +17,12 @@ constexpr size_t kBodiesAtOnce = 50;
 RelaxationMap::RelaxationMap(const MapModel& model, const std::vector<SubmapId>& submaps)
     : taken_(model.landmarks().size(), 0) {
   AddBodies(model, submaps);
-  place_at_start_.reserve(model.landmarks().size());
+  place_at_start_.reserve(taken_.size());
+  oldest_sight_at_start_.reserve(taken_.size());
   for (const ModelLandmark& landmark : model.landmarks()) {
     place_at_start_.push_back(landmark.point_in_world);
+    oldest_sight_at_start_.push_back(landmark.sights.empty() ? LandmarkSight()
+                                                             : landmark.sights.front());
   }
 }
 
@@ -55,11 +58,15 @@ bool RelaxationMap::AddSomePoints(const MapModel& model, size_t max_landmarks) {
   const size_t end = std::min(next_body_ + kBodiesAtOnce, bodies_.size());
   for (; next_body_ < end; ++next_body_) {
     for (const int landmark : Selected(model, bodies_[next_body_], max_landmarks)) {
-      if (static_cast<size_t>(landmark) >= taken_.size()) continue;
+      if (static_cast<size_t>(landmark) >= taken_.size() ||
+          model.landmarks()[landmark].sights.front() != oldest_sight_at_start_[landmark]) {
+        continue;
+      }
       if (std::exchange(taken_[landmark], 1) == 0) AddPoint(model, landmark);
     }
   }
   if (next_body_ < bodies_.size()) return false;
+  std::vector<LandmarkSight>().swap(oldest_sight_at_start_);
   std::vector<Eigen::Vector3d>().swap(place_at_start_);
   std::vector<char>().swap(taken_);
   return true;

@@ -46,7 +46,9 @@ class RelaxationMap {
   std::vector<RelaxationSight> sights_;
   std::unordered_map<SubmapId, int> body_of_;
   int node_count_ = 0;
-  // While points are added: by landmark, where it was, and whether it was taken; the next submap.
+  // While points are added: by landmark, what it was and where, and whether it was taken; the next
+  // submap.
+  std::vector<LandmarkSight> oldest_sight_at_start_;  // another one: the slot is another landmark's
   std::vector<Eigen::Vector3d> place_at_start_;
   std::vector<char> taken_;
   size_t next_body_ = 0;

@@ -26,15 +26,14 @@ uint32_t PostingPool::Take(uint32_t log_size) {
                                 used_of_last_);
       used_of_last_ += 1u << log_rest;
     }
-    blocks_.push_back(std::make_unique<uint32_t[]>(std::max(size, kSegment)));
-    for (uint32_t begin = 0; begin < size || begin == 0; begin += kSegment) {
+    const uint32_t block = std::max(size, kSegment);
+    const auto place = static_cast<uint32_t>(segments_.size()) << kLogOfSegment;
+    blocks_.push_back(std::make_unique<uint32_t[]>(block));
+    for (uint32_t begin = 0; begin < block; begin += kSegment) {
       segments_.push_back(blocks_.back().get() + begin);
     }
-    used_of_last_ = 0;
-    if (size >= kSegment) {
-      used_of_last_ = kSegment;
-      return static_cast<uint32_t>(segments_.size() - (size >> kLogOfSegment)) << kLogOfSegment;
-    }
+    used_of_last_ = std::min(size, kSegment);
+    return place;
   }
   const uint32_t place =
       (static_cast<uint32_t>(segments_.size() - 1) << kLogOfSegment) + used_of_last_;

@@ -4,6 +4,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <thread>
 
 namespace portolan {
@@ -13,14 +14,13 @@ int Niceness() { return getpriority(PRIO_PROCESS, static_cast<id_t>(gettid())); 
 
 TEST(ThreadPriority, OneThreadYieldsAndTheOthersDoNot) {
   const int before = Niceness();
-  if (before > 9) GTEST_SKIP() << "SKIPPED: the test itself runs with niceness " << before;
   int of_thread = 0;
   std::thread thread([&] {
     YieldToOtherThreads();
     of_thread = Niceness();
   });
   thread.join();
-  EXPECT_EQ(of_thread, 10);
+  EXPECT_EQ(of_thread, std::max(before, 10));
   EXPECT_EQ(Niceness(), before);
 }
 
