@@ -68,6 +68,13 @@ class MapBuilder::Impl {
     aligner_.AdjustStaleComponent(interrupt);
   }
 
+  bool HasUnsettled() const { return aligner_.HasUnsettled(); }
+
+  void Settle(const std::atomic<bool>& interrupt) {
+    const StageTimer timer(&times_.background);
+    aligner_.SettleComponent(interrupt);
+  }
+
   const std::shared_ptr<const MapSnapshot>& snapshot() const { return snapshot_; }
   StageTimes times() const {
     StageTimes times = preparer_->times();
@@ -130,6 +137,25 @@ void MapBuilder::RunBackgroundWork(const std::atomic<bool>& interrupt) {
   if (!impl_->HasBackgroundWork()) return;
   impl_->Polish(interrupt);
   impl_->Fuse();
+}
+
+bool MapBuilder::HasUnsettled() const { return impl_->HasUnsettled(); }
+
+void MapBuilder::Settle(const std::atomic<bool>& interrupt) {
+  if (!impl_->HasUnsettled()) return;
+  impl_->Settle(interrupt);
+  impl_->Fuse();
+}
+
+void MapBuilder::SettleCompletely() {
+  const std::atomic<bool> never = false;
+  while (HasBackgroundWork() || HasUnsettled()) {
+    if (HasBackgroundWork()) {
+      RunBackgroundWork(never);
+    } else {
+      Settle(never);
+    }
+  }
 }
 
 std::shared_ptr<const MapSnapshot> MapBuilder::snapshot() const { return impl_->snapshot(); }

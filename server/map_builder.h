@@ -50,6 +50,17 @@ class MapBuilder {
   // `interrupt` is true and keeps what it gained.
   void RunBackgroundWork(const std::atomic<bool>& interrupt);
 
+  // True if some component was adjusted since it settled. For when there is no background work, and
+  // none to be expected.
+  bool HasUnsettled() const;
+
+  // Adjusts one such component so that the map no longer depends on how it came about. Interrupted
+  // as background work is; there may be more of that afterwards.
+  void Settle(const std::atomic<bool>& interrupt);
+
+  // Both until nothing is left to do.
+  void SettleCompletely();
+
   // The newest version of the map; never null.
   std::shared_ptr<const MapSnapshot> snapshot() const;
 

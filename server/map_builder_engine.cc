@@ -26,6 +26,8 @@ class MapBuilderEngine : public MapEngine {
   void RunBackgroundWork(const std::atomic<bool>& interrupt) override {
     builder_->RunBackgroundWork(interrupt);
   }
+  bool HasUnsettled() const override { return builder_->HasUnsettled(); }
+  void Settle(const std::atomic<bool>& interrupt) override { builder_->Settle(interrupt); }
   std::shared_ptr<const MapSnapshot> snapshot() const override { return builder_->snapshot(); }
   StageTimes stage_times() const override { return builder_->stage_times(); }
 

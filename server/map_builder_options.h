@@ -28,7 +28,7 @@ struct MapBuilderOptions {
   // Submaps of the same session nearer than this in the sequence share tracks; closing with them
   // adds nothing.
   int min_sequence_distance = 2;
-  // Threads of Ceres, which solves adjustments of more than 3,000 cameras only; takes precedence
+  // Threads of Ceres, which solves adjustments of more than 8,000 cameras only; takes precedence
   // over the stages' own. With one, results repeat; with more, the order of its sums may change.
   int num_threads = 1;
 

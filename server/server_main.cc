@@ -47,7 +47,7 @@ void ProgramOptions::AddTo(OptionTable* table) {
              "lockstep_agents, which must run at the same time.");
   table->Add("lockstep_agents", &lockstep_agents, "", "The agents that take part, in order.");
   table->Add("threads", &map_builder.num_threads, "",
-             "Threads of the solver for more than 3,000 cameras at once.");
+             "Threads of the solver for more than 8,000 cameras at once.");
   table->Add("log_level", &log_level, "", "debug, info, warning, error or none.");
   table->Add("max_agents", &server.max_agents, "", "Agents connected at the same time.");
   table->Add("max_queue", &server.map_thread.max_queue, "submaps",

@@ -115,6 +115,7 @@ class Solver {
 
   double RobustCost(double chi2) const {
     const double square = options_.loss_scale_sigmas * options_.loss_scale_sigmas;
+    if (options_.loss == RobustLoss::kGemanMcClure) return 0.5 * square * chi2 / (square + chi2);
     return 0.5 * square * std::log1p(chi2 / square);
   }
 
@@ -204,7 +205,8 @@ class Solver {
                             term.place < 0 ? nullptr : term.d_camera.data(), term.d_point.data());
         if (term.lens >= 0) term.residual += term.lens_slope * parameters_.lenses[term.lens];
         cost += RobustCost(term.residual.squaredNorm());
-        const double weight = std::sqrt(1 / (1 + term.residual.squaredNorm() / square));
+        const double share = 1 / (1 + term.residual.squaredNorm() / square);
+        const double weight = options_.loss == RobustLoss::kGemanMcClure ? share : std::sqrt(share);
         term.residual *= weight;
         if (term.lens >= 0) {
           const int place = PlaceOfLens(term.lens);

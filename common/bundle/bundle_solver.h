@@ -13,7 +13,7 @@
 
 namespace portolan {
 
-// Minimises the observations' Cauchy losses and the priors over the free cameras, points and
+// Minimises the observations' robust losses and the priors over the free cameras, points and
 // lenses, from and into `parameters`. `interrupt` may be null. Deterministic.
 BundleSolve SolveBundle(const BundleOptions& options, const BundleProblem& problem,
                         const std::atomic<bool>* interrupt, BundleParameters* parameters);

@@ -38,6 +38,16 @@ struct MapAdjusterOptions {
   bool trust_distortion = true;
   // Squared error, in sigmas, up to which a control point's observation takes part at first.
   double control_point_chi2 = 400.0;
+  // Where a component settles: the relative decrease of the cost under which a solve ends, and
+  // rounds of solve and outlier test. A large component's softest bends cost next to nothing.
+  double settling_tolerance = 1e-7;
+  int settling_rounds = 4;
+  // Of two minima whose costs differ by less than this share, the one that depends less on the
+  // history is taken: they differ in which of thousands of observations are outliers.
+  double settling_preference = 1.5e-3;
+  // With more free cameras an iteration takes seconds, a hundred of them are too many, and single
+  // outliers matter less: adjusted to the end, but not anew.
+  int max_cameras_anew = 2000;
 
   Status Validate() const;
 };
@@ -59,6 +69,14 @@ struct MapAdjustment {
 // held.
 MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
                         int passes, const std::atomic<bool>* interrupt, MapModel* model,
+                        const PositionReferences* positions = nullptr);
+
+// The same for a whole component that was adjusted, so that how it got there matters little: which
+// observations are outliers depends on those that were, and an adjustment comes to rest in the next
+// one of many minima. Adjusts to the end, then from there anew, robustly, with every observation;
+// keeps what fits better. Interrupted, it keeps the former, as far as it got.
+MapAdjustment SettleMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
+                        const std::atomic<bool>* interrupt, MapModel* model,
                         const PositionReferences* positions = nullptr);
 
 }  // namespace portolan

@@ -66,8 +66,8 @@ struct MapAlignerOptions {
   // submaps or the closures have grown by this factor: regions about a loop that is not yet closed
   // take the closure's matches for outliers.
   double relaxing_growth = 1.25;
-  // A large component of no more submaps than this is adjusted as a whole in the end.
-  int polished_component_submaps = 300;
+  // Components of no more submaps than this settle.
+  int settled_component_submaps = 1200;
   // A closure that contradicts the map moves the submaps about its ends: so many at first, then
   // four times as many while the strain reaches the rim, up to the second number.
   int loop_region_submaps = 60;
@@ -111,13 +111,18 @@ class MapAligner {
   void AdjustAround(SubmapId id);
 
   bool HasBackgroundWork() const {
-    return !stale_.empty() || !restless_.empty() || !strained_.empty() || !unpolished_.empty() ||
-           !unjudged_.empty() || relaxing_ != nullptr;
+    return !stale_.empty() || !restless_.empty() || !strained_.empty() || !unjudged_.empty() ||
+           relaxing_ != nullptr;
   }
   // Full adjustment of the component that waits longest, those with new closures first, or, in a
   // large component, of the region that does; then takes back closures that did not survive it.
   // Interrupted, it keeps what it gained.
   void AdjustStaleComponent(const std::atomic<bool>& interrupt);
+  // Components that were adjusted since they settled; for times when nothing else is to do.
+  bool HasUnsettled() const { return !unsettled_.empty(); }
+  // So that the map no longer depends on the order and the moments in which it came about, but for
+  // what was accepted: adjusts one component as SettleMap does (map_adjuster.h).
+  void SettleComponent(const std::atomic<bool>& interrupt);
 
   const MapModel& model() const { return model_; }
   const ClosureList& closures() const { return relations_.closures(); }
@@ -227,7 +232,6 @@ class MapAligner {
   void TakeRelaxation();
   // The component moves to another world or comes apart.
   void CancelRelaxation(ComponentId component);
-  void PolishLargeComponent(const std::atomic<bool>& interrupt);
   void TakeBackFailed(const std::vector<SubmapId>& region);
   void SeparateMatches(const Closure& closure);
   void TouchLandmark(const LandmarkSight& sight);
@@ -278,8 +282,8 @@ class MapAligner {
     std::unique_ptr<MapRelaxation> relaxation;
   };
   std::unique_ptr<Relaxing> relaxing_;
-  // Large components that were relaxed since they were last adjusted as a whole.
-  std::set<ComponentId> unpolished_;
+  // Adjusted or, if large, relaxed since they settled.
+  std::set<ComponentId> unsettled_;
   // Size of a large component when its scale and vertical were last checked.
   std::map<ComponentId, size_t> metric_checked_size_;
   std::set<SubmapId> touched_;

@@ -78,11 +78,7 @@ void MapAligner::AdjustRegion(const std::atomic<bool>& interrupt) {
     return;
   }
   if (restless_.empty()) {
-    if (strained_.empty()) {
-      PolishLargeComponent(interrupt);
-    } else {
-      Relax(*strained_.begin(), interrupt);
-    }
+    if (!strained_.empty()) Relax(*strained_.begin(), interrupt);
     return;
   }
   const SubmapId seed =
@@ -210,9 +206,7 @@ void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt
   for (const auto& [id, pose] : before) visits_.erase(id);
   const Relaxed now{before.size(), done->closures, summary.final_cost};
   const Relaxed last = std::exchange(relaxed_[component], now);
-  if (model_.SizeOf(component) <= static_cast<size_t>(options_.polished_component_submaps)) {
-    unpolished_.insert(component);
-  }
+  unsettled_.insert(component);
   // The regions' inliers differ from those here: of the same map, only what this and the regions
   // gain together counts.
   const double enough = 1 - options_.relaxation.min_decrease;
@@ -228,25 +222,6 @@ void MapAligner::Relax(ComponentId component, const std::atomic<bool>& interrupt
       if (Movement(model_.submap(name), carried) > kRestlessMovement) MarkStale(id, 1);
     }
   }
-}
-
-void MapAligner::PolishLargeComponent(const std::atomic<bool>& interrupt) {
-  if (unpolished_.empty()) return;
-  const ComponentId component = *unpolished_.begin();
-  const std::vector<SubmapId> ids = model_.SubmapsOf(component);
-  if (ids.empty() || ids.size() > static_cast<size_t>(options_.polished_component_submaps)) {
-    unpolished_.erase(component);
-    return;
-  }
-  PositionReferences positions;
-  const bool has_positions = Georeference(component, &positions);
-  const MapAdjustment adjustment = AdjustMap(options_.adjuster, ids, 2, &interrupt, &model_,
-                                             has_positions ? &positions : nullptr);
-  Touch(ids);
-  ReportErrors(component);
-  if (adjustment.summary.interrupted) return;
-  unpolished_.erase(component);
-  TakeBackFailed(ids);
 }
 
 void MapAligner::TakeBackFailed(const std::vector<SubmapId>& region) {
@@ -272,6 +247,12 @@ void MapAligner::TakeBackFailed(const std::vector<SubmapId>& region) {
     }
     MarkStale(closure->a, 2);
     MarkStale(closure->b, 2);
+    // Of a map that was bent at the time even a right one fails: it waits for the next relaxation.
+    if (!failed_once_.emplace(closure->a, closure->b).second) continue;
+    if (model_.submap(closure->a).component == model_.submap(closure->b).component) {
+      seen_[closure.get()] = Disagreement(*closure);
+    }
+    pending_.push_back(closure);
   }
 }
 

@@ -24,6 +24,8 @@ class MapEngine {
   virtual void IntegrateSubmap(const SubmapInput& input) = 0;
   virtual bool HasBackgroundWork() const = 0;
   virtual void RunBackgroundWork(const std::atomic<bool>& interrupt) = 0;
+  virtual bool HasUnsettled() const { return false; }
+  virtual void Settle(const std::atomic<bool>&) {}
   virtual std::shared_ptr<const MapSnapshot> snapshot() const = 0;
   virtual StageTimes stage_times() const = 0;
 };

@@ -23,6 +23,9 @@ Status MapThreadOptions::Validate() const {
   if (background_patience < Duration::zero()) {
     return absl::InvalidArgumentError("background_patience must not be negative");
   }
+  if (settling_patience < Duration::zero()) {
+    return absl::InvalidArgumentError("settling_patience must not be negative");
+  }
   return absl::OkStatus();
 }
 
@@ -32,7 +35,8 @@ MapThread::MapThread(const MapThreadOptions& options, std::unique_ptr<MapEngine>
       engine_(std::move(engine)),
       store_(store),
       hub_(hub),
-      last_save_(std::chrono::steady_clock::now()) {}
+      last_save_(std::chrono::steady_clock::now()),
+      last_input_(last_save_) {}
 
 MapThread::~MapThread() { Shutdown(); }
 
@@ -103,16 +107,15 @@ void MapThread::Run() {
       ++integrated_count_;
       continue;
     }
-    const auto wait = [&](bool is_settled) {
+    const auto await_prepared = [&] {
       wake_.wait(lock, [&] {
-        return stop_ || HasPrepared() || NextToRefine() != nullptr ||
-               (is_settled ? survey_ != nullptr || !waiters_.empty() : queue_.empty());
+        return stop_ || HasPrepared() || NextToRefine() != nullptr || queue_.empty();
       });
     };
     // What is done between two submaps must not depend on how long the next one's preparation
     // takes.
     if (options_.lockstep && !queue_.empty()) {
-      wait(false);
+      await_prepared();
       continue;
     }
     if (survey_) {
@@ -121,6 +124,7 @@ void MapThread::Run() {
       engine_->SetSurvey(survey);
       lock.lock();
       ++integrated_count_;
+      last_input_ = std::chrono::steady_clock::now();
       continue;
     }
     if (const std::shared_ptr<Entry> entry = NextToRefine(); entry != nullptr) {
@@ -134,7 +138,7 @@ void MapThread::Run() {
     }
     // Background work would take the preparing thread's core.
     if (IsBehind()) {
-      wait(false);
+      await_prepared();
       continue;
     }
     interrupt_ = false;
@@ -147,18 +151,43 @@ void MapThread::Run() {
     }
     lock.lock();
     if (!queue_.empty()) {
-      wait(false);
+      await_prepared();
       continue;
     }
+    const bool is_settled = !engine_->HasUnsettled();
+    const bool must_settle = !is_settled && MaySettle();
     lock.unlock();
+    if (must_settle) {
+      engine_->Settle(interrupt_);
+      Publish();
+      lock.lock();
+      continue;
+    }
     Save();
-    NotifySettled();
+    if (is_settled) NotifySettled();
     lock.lock();
-    wait(true);
+    AwaitInput(is_settled, &lock);
   }
   lock.unlock();
   Publish();
   Save();
+}
+
+bool MapThread::MaySettle() const {
+  return !waiters_.empty() || (!options_.lockstep && std::chrono::steady_clock::now() >=
+                                                         last_input_ + options_.settling_patience);
+}
+
+void MapThread::AwaitInput(bool is_settled, std::unique_lock<std::mutex>* lock) {
+  const auto has_input = [this] {
+    return stop_ || HasPrepared() || NextToRefine() != nullptr || survey_ != nullptr ||
+           !waiters_.empty();
+  };
+  if (is_settled || options_.lockstep) {
+    wake_.wait(*lock, has_input);
+  } else {
+    wake_.wait_until(*lock, last_input_ + options_.settling_patience, has_input);
+  }
 }
 
 std::shared_ptr<MapThread::Entry> MapThread::NextToPrepare() const {
@@ -217,6 +246,7 @@ void MapThread::RunPreparations() {
 
 void MapThread::Integrate(const SubmapInput& input) {
   engine_->IntegrateSubmap(input);
+  last_input_ = std::chrono::steady_clock::now();
   if (options_.lockstep) FinishBackgroundWork();
   Publish();
   const auto now = std::chrono::steady_clock::now();

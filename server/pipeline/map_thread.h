@@ -33,6 +33,9 @@ struct MapThreadOptions {
   // another one that has begun. Interrupted at once, background work would get nothing done between
   // the submaps of a hundred agents.
   Duration background_patience = std::chrono::milliseconds(100);
+  // The map settles once no submap has come for so long, or when someone asks for that; in lockstep
+  // only then.
+  Duration settling_patience = std::chrono::seconds(3);
   // Background work is completed and the map saved after every single submap, so that the result
   // depends on the order of submaps only, not on time, and survives a crash to the bit.
   bool lockstep = false;
@@ -59,7 +62,7 @@ class MapThread {
   void SetSurvey(std::shared_ptr<const Survey> survey);
 
   // Calls `done`, on the map thread, once everything pushed before is integrated, no background
-  // work is left and the result is saved. After Shutdown: never.
+  // work is left, the map has settled and the result is saved. After Shutdown: never.
   void WhenSettled(std::function<void(uint64_t map_version)> done);
 
   // Interrupts background work, saves and ends. Submaps in the queue stay for the next start.
@@ -103,6 +106,10 @@ class MapThread {
   bool HasPrepared() const { return !queue_.empty() && queue_.front()->is_prepared; }
   void Integrate(const SubmapInput& input);
   void FinishBackgroundWork();
+  bool MaySettle() const;
+  // Until there is something to do: a submap, a survey, somebody who waits for the map to settle
+  // or, if it has not settled, the time for that.
+  void AwaitInput(bool is_settled, std::unique_lock<std::mutex>* lock);
   // Publishes the engine's snapshot if it is new.
   void Publish();
   void Save();
@@ -118,6 +125,7 @@ class MapThread {
   std::shared_ptr<const MapSnapshot> published_;
   std::shared_ptr<const MapSnapshot> saved_;
   std::chrono::steady_clock::time_point last_save_;
+  std::chrono::steady_clock::time_point last_input_;
 
   // Makes background work return early.
   std::atomic<bool> interrupt_ = false;

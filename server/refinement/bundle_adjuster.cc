@@ -13,6 +13,27 @@
 namespace portolan {
 namespace {
 
+class GemanMcClureLoss : public ceres::LossFunction {
+ public:
+  explicit GemanMcClureLoss(double scale) : square_(scale * scale) {}
+  void Evaluate(double chi2, double out[3]) const override {
+    const double share = square_ / (square_ + chi2);
+    out[0] = chi2 * share;
+    out[1] = share * share;
+    out[2] = -2 * share * share * share / square_;
+  }
+
+ private:
+  const double square_;
+};
+
+std::unique_ptr<ceres::LossFunction> MakeLoss(const BundleOptions& options) {
+  if (options.loss == RobustLoss::kGemanMcClure) {
+    return std::make_unique<GemanMcClureLoss>(options.loss_scale_sigmas);
+  }
+  return std::make_unique<ceres::CauchyLoss>(options.loss_scale_sigmas);
+}
+
 // For problems with many free cameras.
 class CeresSolve {
  public:
@@ -21,7 +42,7 @@ class CeresSolve {
       : options_(options),
         data_(problem),
         parameters_(*parameters),
-        loss_(options.loss_scale_sigmas),
+        loss_(MakeLoss(options)),
         ceres_(CeresOptions()) {}
 
   BundleSolve Run(const std::atomic<bool>* interrupt) {
@@ -46,7 +67,7 @@ class CeresSolve {
           new ReprojectionCost(&parameters_.camera_references[observation.camera],
                                &parameters_.point_references[observation.point], observation.pixel,
                                observation.sigma_px),
-          &loss_, parameters_.cameras[observation.camera].data(),
+          loss_.get(), parameters_.cameras[observation.camera].data(),
           parameters_.points[observation.point].data());
     }
     AddPriors();
@@ -126,7 +147,7 @@ class CeresSolve {
   const BundleOptions& options_;
   const BundleProblem& data_;
   BundleParameters& parameters_;
-  ceres::CauchyLoss loss_;
+  const std::unique_ptr<ceres::LossFunction> loss_;
   ceres::Problem ceres_;  // last: it refers to all of the above
 };
 

@@ -34,11 +34,11 @@ void IntegrateMission(const SyntheticMission& mission, size_t begin, size_t end,
                       MapBuilder* builder) {
   for (size_t i = begin; i < std::min(end, mission.submaps.size()); ++i) {
     builder->IntegrateSubmap({mission.submaps[i].id, mission.submaps[i].submap, mission.camera});
-    if (polish) Polish(builder);
+    if (polish) FinishBackgroundWork(builder);
   }
 }
 
-void Polish(MapBuilder* builder) {
+void FinishBackgroundWork(MapBuilder* builder) {
   const std::atomic<bool> never = false;
   while (builder->HasBackgroundWork()) builder->RunBackgroundWork(never);
 }

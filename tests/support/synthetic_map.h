@@ -17,7 +17,7 @@ void IntegrateMission(const SyntheticMission& mission, size_t begin, size_t end,
                       MapBuilder* builder);
 
 // Runs background work until there is none.
-void Polish(MapBuilder* builder);
+void FinishBackgroundWork(MapBuilder* builder);
 
 // Root mean square error of all keyframes of the component after one alignment, metres.
 double KeyframeRms(const SyntheticMission& mission, const MapSnapshot& snapshot,

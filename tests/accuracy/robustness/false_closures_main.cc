@@ -238,7 +238,13 @@ Score BuildMap(const Fleet& fleet, const std::vector<Closure>& wrong) {
     aligner.AddClosures(closures);
     aligner.AdjustAround(submap->id);
   }
-  while (aligner.HasBackgroundWork()) aligner.AdjustStaleComponent(never);
+  while (aligner.HasBackgroundWork() || aligner.HasUnsettled()) {
+    if (aligner.HasBackgroundWork()) {
+      aligner.AdjustStaleComponent(never);
+    } else {
+      aligner.SettleComponent(never);
+    }
+  }
   Score score;
   std::vector<Eigen::Vector3d> estimate;
   for (const auto& submap : fleet.submaps) {

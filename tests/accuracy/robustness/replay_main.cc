@@ -72,7 +72,9 @@ StatusOr<ReplayedMap> Replay(const RecordedMission& mission, int run, bool backg
       FinishBackground(builder.get(), &replayed);
     }
   }
-  if (background) FinishBackground(builder.get(), &replayed);
+  const double start = ThreadSeconds();
+  if (background) builder->SettleCompletely();
+  replayed.background_s += ThreadSeconds() - start;
   replayed.snapshot = builder->snapshot();
   return replayed;
 }

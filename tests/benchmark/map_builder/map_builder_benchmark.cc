@@ -41,7 +41,7 @@ void BM_IntegrateMission(benchmark::State& state) {
   for (auto _ : state) {
     auto builder = MapBuilder::Create({}).value();
     IntegrateMission(mission, 0, mission.submaps.size(), state.range(1) != 0, builder.get());
-    Polish(builder.get());
+    FinishBackgroundWork(builder.get());
     const StageTimes& times = builder->stage_times();
     Report("refine", times.refine, &state);
     Report("link", times.link, &state);

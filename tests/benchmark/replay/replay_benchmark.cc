@@ -125,14 +125,11 @@ class Replay {
   void Polish(MapBuilder* builder) {
     const Clock::time_point start = Clock::now();
     const double cpu_start = ThreadMilliseconds();
-    const std::atomic<bool> never = false;
-    int steps = 0;
-    for (; builder->HasBackgroundWork(); ++steps) builder->RunBackgroundWork(never);
+    builder->SettleCompletely();
     const MapError error = ErrorOf(*builder->snapshot(), truth_);
-    std::printf(
-        "polished in %d steps, %.1f s (CPU %.1f s): ATE %.1f mm of %d submaps, %d components\n",
-        steps, MillisecondsSince(start) / 1000, (ThreadMilliseconds() - cpu_start) / 1000,
-        1000 * error.ate_m, error.submaps, error.components);
+    std::printf("polished in %.1f s (CPU %.1f s): ATE %.1f mm of %d submaps, %d components\n",
+                MillisecondsSince(start) / 1000, (ThreadMilliseconds() - cpu_start) / 1000,
+                1000 * error.ate_m, error.submaps, error.components);
   }
 
   // As `portolan-server --rebuild` does: all raw submaps once more, background work at the end.

@@ -106,5 +106,49 @@ TEST_F(MapAdjusterTest, RedundantKeyframesBehindTheWindowFollow) {
   }
 }
 
+// Two maps of the same submaps, one of which took a third of what it sees for outliers.
+TEST_F(MapAdjusterTest, SettlesInOneMapWhateverTheOutliersWere) {
+  Make(OneSession());
+  MapModel other = model_;
+  for (const SubmapId id : ids_) {
+    const ModelSubmap& submap = other.submap(id);
+    for (size_t i = 0; i < submap.landmarks.size(); ++i) {
+      for (size_t k = 0; k < submap.sights[i].size(); ++k) {
+        if ((i + k) % 3 == 0) other.SetInlier(id, static_cast<int>(i), static_cast<int>(k), false);
+      }
+    }
+  }
+  Similarity3 moved = other.submap(ids_[2]).world_from_submap;
+  moved.translation += Eigen::Vector3d(0.02, 0, 0.01);
+  other.MoveSubmap(ids_[2], moved);
+  const auto distance = [&] {
+    double largest = 0;
+    for (const SubmapId id : ids_) {
+      for (size_t k = 0; k < model_.submap(id).world_from_camera.size(); ++k) {
+        largest = std::max(largest, (model_.submap(id).world_from_camera[k].translation -
+                                     other.submap(id).world_from_camera[k].translation)
+                                        .norm());
+      }
+    }
+    return largest;
+  };
+  ASSERT_GT(distance(), 0.01);
+  const MapAdjustment one = SettleMap({}, ids_, nullptr, &model_);
+  const MapAdjustment two = SettleMap({}, ids_, nullptr, &other);
+  EXPECT_EQ(one.summary.inlier_count, two.summary.inlier_count);
+  EXPECT_NEAR(one.summary.final_cost, two.summary.final_cost, 1e-3 * one.summary.final_cost);
+  EXPECT_LT(distance(), 5e-4);
+}
+
+TEST_F(MapAdjusterTest, SettlingThatIsInterruptedSaysSo) {
+  Make(OneSession());
+  const std::vector<Rigid3> before = model_.submap(ids_[1]).world_from_camera;
+  const std::atomic<bool> interrupt = true;
+  EXPECT_TRUE(SettleMap({}, ids_, &interrupt, &model_).summary.interrupted);
+  for (size_t k = 0; k < before.size(); ++k) {
+    EXPECT_LT((before[k].translation - CentreOf(1, k)).norm(), 1e-9);
+  }
+}
+
 }  // namespace
 }  // namespace portolan

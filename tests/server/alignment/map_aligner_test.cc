@@ -387,7 +387,8 @@ TEST_F(MapAlignerTest, ClosureBetweenPartsThatCameApartWaits) {
       model.submap(late.a).world_from_submap.Inverse() * model.submap(late.b).world_from_submap;
   run();
   EXPECT_TRUE(aligner_.closures().empty());
-  EXPECT_EQ(aligner_.waiting_closures().size(), 1u);
+  // So does the wrong one, for a second chance.
+  EXPECT_EQ(aligner_.waiting_closures().size(), 2u);
 }
 
 TEST_F(MapAlignerTest, TouchedSubmapsAreReportedOnce) {

@@ -98,7 +98,7 @@ TEST_F(MapFuserTest, LandmarksFollowSubmapsThatOnlyMove) {
   MapAlignerOptions options;
   options.full_component_submaps = 1;
   options.region_submaps = 1;
-  options.polished_component_submaps = 1;
+  options.settled_component_submaps = 1;
   options.relaxation.min_decrease = 0;
   MapAligner large(options);
   const SubmapRefiner refiner = SubmapRefiner::Create({}).value();

@@ -72,7 +72,7 @@ class TownMission {
     MapBuilderOptions options;
     options.redundancy = redundancy;
     options.aligner.full_component_submaps = full_component_submaps;
-    options.aligner.polished_component_submaps = full_component_submaps;
+    options.aligner.settled_component_submaps = full_component_submaps;
     options.max_candidates = 0;
     options.aligner.positions.fix_correlation = Duration::zero();
     auto builder = std::move(MapBuilder::Create(options)).value();
@@ -81,7 +81,7 @@ class TownMission {
       builder->IntegrateSubmap(
           {SubmapId(static_cast<int64_t>(i) + 1), submaps_[i].submap, fleet_.camera()});
     }
-    Polish(builder.get());
+    builder->SettleCompletely();
     return builder;
   }
 
@@ -227,7 +227,7 @@ TEST(GeoreferencedMap, PointsThatAreTakenAwayAgainLeaveNoClaim) {
       << builder->snapshot()->components[0].georeference->problem;
   survey.points.resize(2);
   builder->SetSurvey(std::make_shared<const Survey>(survey));
-  Polish(builder.get());
+  builder->SettleCompletely();
   const ComponentState component = builder->snapshot()->components[0];
   ASSERT_TRUE(component.georeference);
   EXPECT_FALSE(component.georeference->is_georeferenced);
@@ -242,7 +242,7 @@ TEST(GeoreferencedMap, ContinuesFromASnapshot) {
   const auto again = std::move(MapBuilder::Create({})).value();
   again->Restore(first->snapshot());
   again->SetSurvey(std::make_shared<const Survey>(OriginOnly()));
-  Polish(again.get());
+  again->SettleCompletely();
   const auto& report = again->snapshot()->components[0].georeference;
   ASSERT_TRUE(report && report->is_georeferenced);
   EXPECT_EQ(report->fix_count, 120);

@@ -32,7 +32,7 @@ TEST(LargeMap, RegionsGetAsExactAsTheWhole) {
   const auto regions = LargeBuilder();
   for (MapBuilder* builder : {whole.get(), regions.get()}) {
     IntegrateMission(mission, 0, 99, false, builder);
-    Polish(builder);
+    builder->SettleCompletely();
     ASSERT_EQ(builder->snapshot()->components.size(), 1u);
   }
   const double rms = KeyframeRms(mission, *whole->snapshot(), ComponentId(1));
@@ -47,12 +47,12 @@ TEST(LargeMap, RegionsAndRelaxationsCloseALoop) {
   world.agents = {{0, 6.8, 24, 1.5}};
   const SyntheticMission mission = MakeSyntheticMission(world);
   MapBuilderOptions without_polish;
-  without_polish.aligner.polished_component_submaps = 3;
+  without_polish.aligner.settled_component_submaps = 3;
   const auto regions = LargeBuilder(without_polish);
   IntegrateMission(mission, 0, 99, false, regions.get());
   constexpr double kWholeRms_m = 0.0023;  // adjusted as a whole
   const double before = KeyframeRms(mission, *regions->snapshot(), ComponentId(1));
-  Polish(regions.get());
+  regions->SettleCompletely();
   EXPECT_GE(regions->snapshot()->closures->size(), 1u);
   const double after = KeyframeRms(mission, *regions->snapshot(), ComponentId(1));
   EXPECT_LT(before, 0.0072);
@@ -99,7 +99,7 @@ TEST(LargeMap, InterruptionLosesNothing) {
   for (int i = 0; i < 5; ++i) builder->RunBackgroundWork(interrupted);
   EXPECT_TRUE(builder->HasBackgroundWork());
   EXPECT_LE(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 1.01 * before);
-  Polish(builder.get());
+  builder->SettleCompletely();
   EXPECT_FALSE(builder->HasBackgroundWork());
   EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.015);
 }
@@ -127,7 +127,7 @@ TEST(LargeMap, LandmarkIsOneAndKeepsItsId) {
       for (const LandmarkSight& sight : landmark.sights) EXPECT_TRUE(seen.insert(sight).second);
     }
   }
-  Polish(builder.get());
+  builder->SettleCompletely();
   const auto after = OldestSights(*builder->snapshot());
   size_t kept = 0;
   for (const auto& [id, sight] : before) kept += after.contains(id) ? 1 : 0;

@@ -129,7 +129,7 @@ TEST(MapBuilder, LensIsThatOfTheSessionsLargestComponent) {
       }
       builder->IntegrateSubmap({SubmapId(static_cast<int64_t>(10 * agent + i + 1)),
                                 std::make_shared<const Submap>(raw), mission.camera});
-      Polish(builder.get());
+      FinishBackgroundWork(builder.get());
     }
   }
   const auto snapshot = builder->snapshot();
@@ -304,9 +304,32 @@ TEST(MapBuilder, InterruptedWorkIsContinued) {
   const std::atomic<bool> at_once = true;
   builder->RunBackgroundWork(at_once);
   EXPECT_TRUE(builder->HasBackgroundWork());
-  Polish(builder.get());
+  FinishBackgroundWork(builder.get());
   EXPECT_FALSE(builder->HasBackgroundWork());
   EXPECT_LT(KeyframeRms(mission, *builder->snapshot(), ComponentId(1)), 0.012);
+}
+
+// Adjusted after every submap, or only when all are there, as a rebuild does.
+TEST(MapBuilder, SettledMapDoesNotDependOnWhenItWasAdjusted) {
+  const SyntheticMission mission = MakeSyntheticMission(SyntheticSubmapsOptions());
+  std::vector<std::vector<Eigen::Vector3d>> centres;
+  for (const bool live : {true, false}) {
+    const auto builder = MakeBuilder();
+    IntegrateMission(mission, 0, 99, live, builder.get());
+    FinishBackgroundWork(builder.get());
+    EXPECT_TRUE(builder->HasUnsettled());
+    builder->SettleCompletely();
+    EXPECT_FALSE(builder->HasUnsettled());
+    EXPECT_FALSE(builder->HasBackgroundWork());
+    centres.emplace_back();
+    for (const auto& state : builder->snapshot()->submaps) {
+      EXPECT_EQ(state->component, ComponentId(1));
+      for (const Rigid3& camera : state->world_from_camera) {
+        centres.back().push_back(camera.translation);
+      }
+    }
+  }
+  EXPECT_LT(AlignedRms(centres[0], centres[1]), 2e-4);
 }
 
 TEST(MapBuilder, SameSubmapTwiceIsIgnored) {

@@ -73,7 +73,7 @@ TEST_P(MixedFleet, EndsInOneMetricMap) {
   const SyntheticMission mission = MakeFleet(GetParam());
   const auto builder = std::move(MapBuilder::Create({})).value();
   IntegrateMission(mission, 0, 99, false, builder.get());
-  Polish(builder.get());
+  builder->SettleCompletely();
   const auto snapshot = builder->snapshot();
   ASSERT_EQ(snapshot->components.size(), 1u);
   const ComponentState& component = snapshot->components[0];
@@ -100,7 +100,7 @@ TEST(MixedFleetOfCameras, WithoutMetricSensorsClaimsNothing) {
   const SyntheticMission mission = MakeFleet({});
   const auto builder = std::move(MapBuilder::Create({})).value();
   IntegrateMission(mission, 0, 99, false, builder.get());
-  Polish(builder.get());
+  builder->SettleCompletely();
   ASSERT_EQ(builder->snapshot()->components.size(), 1u);
   EXPECT_FALSE(builder->snapshot()->components[0].metric);
   EXPECT_FALSE(builder->snapshot()->components[0].georeference);

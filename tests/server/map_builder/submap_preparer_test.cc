@@ -68,7 +68,7 @@ std::shared_ptr<const MapSnapshot> IntegratedInline(const std::vector<SubmapInpu
   const auto builder = MakePreparingBuilder(options);
   for (const SubmapInput& input : inputs) {
     builder->IntegrateSubmap(input);
-    Polish(builder.get());
+    FinishBackgroundWork(builder.get());
   }
   return builder->snapshot();
 }
@@ -91,7 +91,7 @@ TEST_P(PreparedAhead, FarAheadIsTheSameAsInline) {
   EXPECT_EQ(builder->snapshot()->submaps.size(), 0u);
   for (const SubmapInput& input : inputs) {
     builder->IntegrateSubmap(input);
-    Polish(builder.get());
+    FinishBackgroundWork(builder.get());
   }
   ExpectEqual(*inline_map, *builder->snapshot());
   const RefinedSubmap& last = *builder->snapshot()->submaps.back()->refined;
@@ -116,7 +116,7 @@ TEST_P(PreparedAhead, OnAnotherThreadIsTheSameAsInline) {
   for (size_t i = 0; i < inputs.size(); ++i) {
     while (prepared <= i) std::this_thread::yield();
     builder->IntegrateSubmap(inputs[i]);
-    Polish(builder.get());
+    FinishBackgroundWork(builder.get());
   }
   preparing.join();
   ExpectEqual(*inline_map, *builder->snapshot());
@@ -132,7 +132,7 @@ TEST_P(PreparedAhead, ButNotIntegratedItIsPreparedAgainAfterARestart) {
     SubmapInput input = inputs[i];
     input.prepared = prepared;
     killed->IntegrateSubmap(input);
-    Polish(killed.get());
+    FinishBackgroundWork(killed.get());
   }
   const auto inline_builder = MakePreparingBuilder(options_);
   inline_builder->Restore(killed->snapshot());
@@ -145,8 +145,8 @@ TEST_P(PreparedAhead, ButNotIntegratedItIsPreparedAgainAfterARestart) {
     ahead->IntegrateSubmap(input);
     input.prepared = nullptr;
     inline_builder->IntegrateSubmap(input);
-    Polish(ahead.get());
-    Polish(inline_builder.get());
+    FinishBackgroundWork(ahead.get());
+    FinishBackgroundWork(inline_builder.get());
   }
   ExpectEqual(*inline_builder->snapshot(), *ahead->snapshot());
   EXPECT_EQ(ahead->stage_times().refine.count, 6);

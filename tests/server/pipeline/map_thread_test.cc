@@ -189,6 +189,61 @@ TEST_F(MapThreadTest, LockstepCompletesBackgroundWorkAfterEverySubmap) {
   EXPECT_EQ(store_.save_count(), 2) << "saved after every submap";
 }
 
+TEST_F(MapThreadTest, SettlesWhenSomeoneAsks) {
+  for (const bool lockstep : {false, true}) {
+    MapThreadOptions options;
+    options.settling_patience = std::chrono::hours(1);
+    options.lockstep = lockstep;
+    Start(options, {.has_background_work = true, .settles = true});
+    thread_->Push({MakeInput(0)});
+    probe_->WaitForEvent("background");
+    Settle();
+    std::vector<std::string> events = probe_->events();
+    ASSERT_GE(events.size(), 3u);
+    EXPECT_THAT(std::vector<std::string>(events.end() - 3, events.end()),
+                ElementsAre("integrate a/0", "background", "settle"));
+    thread_->Shutdown();
+    thread_.reset();
+  }
+}
+
+TEST_F(MapThreadTest, SettlesOnceNothingComes) {
+  MapThreadOptions options;
+  options.settling_patience = std::chrono::milliseconds(20);
+  Start(options, {.has_background_work = true, .settles = true});
+  thread_->Push({MakeInput(0)});
+  probe_->WaitForEvent("settle");
+  EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0", "background", "settle"));
+}
+
+TEST_F(MapThreadTest, NewSubmapInterruptsSettling) {
+  MapThreadOptions options;
+  options.settling_patience = Duration::zero();
+  Start(options, {.settles = true});
+  probe_->SetBackgroundEndless(true);
+  thread_->Push({MakeInput(0)});
+  probe_->WaitForEvent("settle");
+  thread_->Push({MakeInput(1)});
+  probe_->WaitForEvent("integrate a/1");
+  probe_->SetBackgroundEndless(false);
+  Settle();
+  const std::vector<std::string> events = probe_->events();
+  EXPECT_THAT(std::vector<std::string>(events.begin(), events.begin() + 4),
+              ElementsAre("integrate a/0", "settle", "interrupted", "integrate a/1"));
+  EXPECT_EQ(events.back(), "settle");
+}
+
+TEST_F(MapThreadTest, InLockstepTheMapDoesNotSettleByItself) {
+  MapThreadOptions options;
+  options.settling_patience = Duration::zero();
+  options.lockstep = true;
+  Start(options, {.settles = true});
+  thread_->Push({MakeInput(0)});
+  probe_->WaitForEvent("integrate a/0");
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_THAT(probe_->events(), ElementsAre("integrate a/0"));
+}
+
 TEST_F(MapThreadTest, FullQueueBlocksPushUntilThereIsRoom) {
   MapThreadOptions options;
   options.max_queue = 2;

@@ -128,6 +128,54 @@ TEST_F(BundleAdjusterTest, SolversAgree) {
   }
 }
 
+TEST_F(BundleAdjusterTest, SolversAgreeOnGemanMcClure) {
+  BundleProblem ceres = problem_;
+  BundleOptions options = Exact(Kind::kCeres);
+  options.rounds = 1;
+  options.loss = RobustLoss::kGemanMcClure;
+  // Wide, so that all find the same minimum.
+  options.loss_scale_sigmas = 20;
+  const BundleSummary of_ceres = AdjustBundle(options, nullptr, &ceres);
+  for (const Kind kind : {Kind::kDense, Kind::kSparse}) {
+    BundleProblem own = problem_;
+    options.max_dense_cameras = Exact(kind).max_dense_cameras;
+    options.max_block_cameras = Exact(kind).max_block_cameras;
+    const BundleSummary of_own = AdjustBundle(options, nullptr, &own);
+    EXPECT_NEAR(of_own.initial_cost, of_ceres.initial_cost, 1e-9 * of_ceres.initial_cost);
+    EXPECT_NEAR(of_own.final_cost, of_ceres.final_cost, 1e-6 * of_ceres.final_cost);
+    EXPECT_LT(of_own.final_cost, 0.5 * of_own.initial_cost);
+  }
+}
+
+// One observation in twenty is wrong by 25 px. Were they a hundred times as wrong the cameras would
+// be where they are; with Cauchy's loss they would not.
+TEST_F(BundleAdjusterTest, GemanMcClureIgnoresFarOutliers) {
+  const auto shift = [this](RobustLoss loss) {
+    BundleOptions options = Exact(Kind::kDense);
+    options.rounds = 1;
+    options.loss = loss;
+    AdjustBundle(options, nullptr, &problem_);  // to the minimum
+    BundleProblem near = problem_, far = problem_;
+    for (BundleObservation& observation : near.observations) observation.inlier = true;
+    far.observations = near.observations;
+    for (BundleObservation& observation : far.observations) {
+      if (ReprojectionChi2(problem_, observation) > 100) observation.pixel.x() += 75;
+    }
+    AdjustBundle(options, nullptr, &near);
+    AdjustBundle(options, nullptr, &far);
+    double largest = 0;
+    for (int i = 0; i < kCameras; ++i) {
+      largest = std::max(largest, (near.cameras[i].world_from_camera.translation -
+                                   far.cameras[i].world_from_camera.translation)
+                                      .norm());
+    }
+    return largest;
+  };
+  const double cauchy = shift(RobustLoss::kCauchy);
+  const double geman_mcclure = shift(RobustLoss::kGemanMcClure);
+  EXPECT_LT(geman_mcclure, 0.2 * cauchy);
+}
+
 TEST_F(BundleAdjusterTest, HeldPointsAndCamerasStay) {
   for (int i = 0; i < kCameras; i += 2) problem_.cameras[i].fixed = true;
   for (size_t i = 0; i < problem_.points.size(); i += 3) problem_.points[i].fixed = true;

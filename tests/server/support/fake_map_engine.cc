@@ -117,8 +117,21 @@ void FakeMapEngine::IntegrateSubmap(const SubmapInput& input) {
   next->components = {{ComponentId(1), false, false}};
   snapshot_ = std::move(next);
   has_background_work_ = options_.has_background_work;
+  is_unsettled_ = options_.settles;
   const SubmapKey& key = input.submap->key;
   probe_->Add(Concat("integrate ", key.agent.value(), "/", key.sequence_number));
+}
+
+void FakeMapEngine::Settle(const std::atomic<bool>& interrupt) {
+  probe_->Add("settle");
+  while (probe_->background_endless()) {
+    if (interrupt) {
+      probe_->Add("interrupted");
+      return;
+    }
+    std::this_thread::yield();
+  }
+  is_unsettled_ = false;
 }
 
 void FakeMapEngine::RunBackgroundWork(const std::atomic<bool>& interrupt) {

@@ -46,6 +46,8 @@ struct FakeMapEngineOptions {
   int landmarks_per_submap = 5;
   // Each integration leaves one piece of background work.
   bool has_background_work = false;
+  // Each integration leaves the map unsettled.
+  bool settles = false;
   // Each piece of background work moves all submaps by this much in y.
   double background_shift = 0;
 };
@@ -59,6 +61,8 @@ class FakeMapEngine : public MapEngine {
   void IntegrateSubmap(const SubmapInput& input) override;
   bool HasBackgroundWork() const override { return has_background_work_; }
   void RunBackgroundWork(const std::atomic<bool>& interrupt) override;
+  bool HasUnsettled() const override { return is_unsettled_; }
+  void Settle(const std::atomic<bool>& interrupt) override;
   std::shared_ptr<const MapSnapshot> snapshot() const override { return snapshot_; }
   StageTimes stage_times() const override { return {}; }
 
@@ -67,6 +71,7 @@ class FakeMapEngine : public MapEngine {
   const std::shared_ptr<EngineProbe> probe_;
   std::shared_ptr<const MapSnapshot> snapshot_;
   bool has_background_work_ = false;
+  bool is_unsettled_ = false;
 };
 
 // What the engine makes of a submap.
