@@ -323,31 +323,6 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
   if (!stale_.contains(component)) CloseLoops(component);
 }
 
-void MapAligner::SettleComponent(const std::atomic<bool>& interrupt) {
-  if (unsettled_.empty()) return;
-  const ComponentId component = *unsettled_.begin();
-  const std::vector<SubmapId> ids = model_.SubmapsOf(component);
-  if (ids.empty() || ids.size() > static_cast<size_t>(options_.settled_component_submaps)) {
-    unsettled_.erase(component);
-    return;
-  }
-  PositionReferences positions;
-  const bool has_positions = Georeference(component, &positions);
-  const MapAdjustment adjustment =
-      SettleMap(options_.adjuster, ids, &interrupt, &model_, has_positions ? &positions : nullptr);
-  Touch(ids);
-  ReportErrors(component);
-  if (adjustment.summary.interrupted) return;
-  unsettled_.erase(component);
-  MakeMetric(component);
-  if (IsLarge(component)) {
-    TakeBackFailed(ids);
-  } else {
-    DropFailedClosures(component);
-    if (!stale_.contains(component)) CloseLoops(component);
-  }
-}
-
 bool MapAligner::Survives(const Closure& closure) const {
   const auto seen = [](const ModelSubmap& submap, int landmark) {
     const std::span<const ModelSight> sights = submap.sights[landmark];

@@ -161,6 +161,9 @@ class MapAligner {
   // Once a submap: keyframes that disagree with all that they see, though the others do not, go
   // where the refined submap has them beside those. True if there are any.
   bool PutBackStrays(const std::vector<SubmapId>& ids);
+  // Where matches contradict each other, those that come first unite landmarks: in an order that
+  // does not depend on when their closures were accepted.
+  void UniteAnew(ComponentId component, const std::vector<SubmapId>& ids);
   bool JoinComponents();
   void Join(const std::vector<Closure>& agreeing);
   // Of one component, or of all.

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "common/linear_algebra/dense.h"
@@ -119,6 +120,44 @@ bool MapAligner::ReviewComponent(ComponentId component) {
   }
   Touch(ids);
   return true;
+}
+
+void MapAligner::SettleComponent(const std::atomic<bool>& interrupt) {
+  if (unsettled_.empty()) return;
+  const ComponentId component = *unsettled_.begin();
+  const std::vector<SubmapId> ids = model_.SubmapsOf(component);
+  if (ids.empty() || ids.size() > static_cast<size_t>(options_.settled_component_submaps)) {
+    unsettled_.erase(component);
+    return;
+  }
+  UniteAnew(component, ids);
+  PositionReferences positions;
+  const bool has_positions = Georeference(component, &positions);
+  const MapAdjustment adjustment =
+      SettleMap(options_.adjuster, ids, &interrupt, &model_, has_positions ? &positions : nullptr);
+  Touch(ids);
+  ReportErrors(component);
+  if (adjustment.summary.interrupted) return;
+  unsettled_.erase(component);
+  MakeMetric(component);
+  if (IsLarge(component)) {
+    TakeBackFailed(ids);
+  } else {
+    DropFailedClosures(component);
+    if (!stale_.contains(component)) CloseLoops(component);
+  }
+}
+
+void MapAligner::UniteAnew(ComponentId component, const std::vector<SubmapId>& ids) {
+  std::vector<const Closure*> inside;
+  for (const Closure& closure : closures()) {
+    if (model_.submap(closure.a).component == component) inside.push_back(&closure);
+  }
+  std::sort(inside.begin(), inside.end(), [](const Closure* one, const Closure* other) {
+    return std::pair(one->b, one->a) < std::pair(other->b, other->a);
+  });
+  model_.SeparateLandmarks(ids);
+  for (const Closure* closure : inside) UniteMatches(*closure);
 }
 
 bool MapAligner::PutBackStrays(const std::vector<SubmapId>& ids) {

@@ -16,8 +16,10 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdio>
+#include <iterator>
 #include <map>
 #include <mutex>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
@@ -141,6 +143,19 @@ class Replay {
     }
     std::printf("rebuilt; ");
     Polish(builder.get());
+    const std::set<std::pair<SubmapId, SubmapId>> live = ClosuresOf(*builder_->snapshot());
+    const std::set<std::pair<SubmapId, SubmapId>> again = ClosuresOf(*builder->snapshot());
+    std::vector<std::pair<SubmapId, SubmapId>> both;
+    std::set_intersection(live.begin(), live.end(), again.begin(), again.end(),
+                          std::back_inserter(both));
+    std::printf("closures: %zu, rebuilt %zu, in both %zu\n", live.size(), again.size(),
+                both.size());
+  }
+
+  static std::set<std::pair<SubmapId, SubmapId>> ClosuresOf(const MapSnapshot& snapshot) {
+    std::set<std::pair<SubmapId, SubmapId>> closures;
+    for (const Closure& closure : *snapshot.closures) closures.emplace(closure.a, closure.b);
+    return closures;
   }
 
   static double MeanMs(const StageTime& now, const StageTime& before) {
