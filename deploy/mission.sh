@@ -34,15 +34,7 @@ fi
 rm -rf "$output"
 mkdir -p "$output/agents" "$output/final" "$output/logs"
 
-server=""
-stop_server() {
-  if [ -n "$server" ]; then
-    kill "$server" 2> /dev/null || true
-    wait "$server" 2> /dev/null || true
-    server=""
-  fi
-}
-trap stop_server EXIT
+. "$root/deploy/local_server.sh"
 
 names=()
 for spec in "${specs[@]}"; do names+=("${spec%%=*}"); done
@@ -51,19 +43,7 @@ if [ -n "${PORTOLAN_LOCKSTEP:-}" ]; then
   lockstep=(--lockstep --lockstep-agents "$(IFS=,; echo "${names[*]}")")
 fi
 
-"$build/server/portolan-server" --map "$output/map.db" --listen 127.0.0.1:0 \
-  --port-file "$output/port" "${lockstep[@]}" \
-  > "$output/logs/server.log" 2>&1 &
-server=$!
-for _ in $(seq 200); do
-  [ -s "$output/port" ] && break
-  if ! kill -0 "$server" 2> /dev/null; then
-    cat "$output/logs/server.log" >&2
-    exit 1
-  fi
-  sleep 0.05
-done
-address="127.0.0.1:$(cat "$output/port")"
+start_server "$build/server/portolan-server" "$output" "$output/logs/server.log" "${lockstep[@]}"
 echo "$address" > "$output/address"
 
 agents=()

@@ -20,8 +20,8 @@ struct BundleOptions {
   double function_tolerance = 1e-5;
   // Rounds of solve and outlier test; the last one is always followed by the test.
   int rounds = 2;
-  // Residuals beyond this many sigmas weigh less, and an observation whose squared error
-  // in sigmas exceeds the limit is an outlier. Both are wider than white noise would need (95 % of
+  // Residuals beyond this many sigmas weigh less, and an observation whose squared error in sigmas
+  // exceeds the limit is an outlier. Both are wider than white noise would need (95 % of
   // chi-square with 2 degrees of freedom is 5.99): a rolling shutter and an inexact calibration
   // leave errors that still hold the map together. Keyframe ATE in mm on 7-Scenes redkitchen, three
   // agents / one agent, by (loss, limit): (2, 6) 12.9 / 10.5, (2, 9) 11.2 / 10.4, (2, 16) 10.8,
@@ -38,8 +38,7 @@ struct BundleOptions {
   // Of Ceres; bundle_solver.h takes one.
   int num_threads = 1;
   // Up to so many free cameras bundle_solver.h solves the problem, a larger one Ceres, which has no
-  // table of all pairs of cameras (256 MB for these), but takes four times as long and two
-  // gigabytes.
+  // table of all pairs of cameras (256 MB for these), but takes three times as long.
   int max_block_cameras = 8000;
   // Up to so many, the cameras' system is dense.
   int max_dense_cameras = 60;

@@ -318,9 +318,7 @@ void MapAligner::AdjustStaleComponent(const std::atomic<bool>& interrupt) {
   stale_.erase(component);
   unsettled_.insert(component);
   MakeMetric(component);
-  DropFailedClosures(component);
-  // What contradicted the map that wrong closures had bent may agree with this one.
-  if (!stale_.contains(component)) CloseLoops(component);
+  ReviseClosures(component);
 }
 
 bool MapAligner::Survives(const Closure& closure) const {
@@ -339,6 +337,11 @@ bool MapAligner::Survives(const Closure& closure) const {
     if (seen(a, in_a) && seen(b, in_b)) ++surviving;
   }
   return surviving >= options_.min_surviving_matches * static_cast<double>(closure.matches.size());
+}
+
+void MapAligner::ReviseClosures(ComponentId component) {
+  DropFailedClosures(component);
+  if (!stale_.contains(component)) CloseLoops(component);
 }
 
 void MapAligner::DropFailedClosures(ComponentId component) {

@@ -178,6 +178,9 @@ class MapAligner {
   void ErasePending(const std::function<bool(const Closure&)>& predicate);
   bool Survives(const Closure& closure) const;
   void DropFailedClosures(ComponentId component);
+  // After an adjustment: what did not survive is taken back; what contradicted the map that wrong
+  // closures had bent may agree with this one.
+  void ReviseClosures(ComponentId component);
   void PartComponent(ComponentId component);
   // Moves the component's world to metres and a vertical axis, as its metric submaps have it,
   // unless it is in the site's frame.

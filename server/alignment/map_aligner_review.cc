@@ -143,8 +143,7 @@ void MapAligner::SettleComponent(const std::atomic<bool>& interrupt) {
   if (IsLarge(component)) {
     TakeBackFailed(ids);
   } else {
-    DropFailedClosures(component);
-    if (!stale_.contains(component)) CloseLoops(component);
+    ReviseClosures(component);
   }
 }
 

@@ -16,15 +16,7 @@ shift
 build=build/release/server
 output=out/rebuild
 
-server=""
-stop_server() {
-  if [ -n "$server" ]; then
-    kill "$server" 2> /dev/null || true
-    wait "$server" 2> /dev/null || true
-    server=""
-  fi
-}
-trap stop_server EXIT
+. deploy/local_server.sh
 
 ate_m() {  # FOLDER SERVER-FLAGS...
   local folder="$1"
@@ -32,19 +24,7 @@ ate_m() {  # FOLDER SERVER-FLAGS...
   rm -rf "$output"
   mkdir -p "$output/trajectories"
   cp "$folder"/map.db* "$output/"
-  "$build/portolan-server" --map "$output/map.db" --listen 127.0.0.1:0 \
-    --port-file "$output/port" "$@" > "$output/server.log" 2>&1 &
-  server=$!
-  for _ in $(seq 600); do
-    [ -s "$output/port" ] && break
-    if ! kill -0 "$server" 2> /dev/null; then
-      cat "$output/server.log" >&2
-      exit 1
-    fi
-    sleep 0.1
-  done
-  local address
-  address="127.0.0.1:$(cat "$output/port")"
+  start_server "$build/portolan-server" "$output" "$output/server.log" "$@"
   "$build/cli/portolan" settle --server "$address" --timeout_s 3600 > /dev/null
   "$build/cli/portolan" export tum --server "$address" --all_frames \
     --out "$output/trajectories" > /dev/null

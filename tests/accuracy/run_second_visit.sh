@@ -11,6 +11,7 @@
 # frames that it dropped because the machine was busy (a line with many does not count).
 set -euo pipefail
 . "$(dirname "$0")/arguments.sh"
+. deploy/local_server.sh
 output=out/second_visit
 
 # name | sequence | ground truth | first half | second half
@@ -21,21 +22,12 @@ checkerboard_desk|uzh_vamr/checkerboard_desk|groundtruth.txt|0 367|368 735
 MH_01|euroc/MH_01_easy_first18s|groundtruth.txt|0 179|180 359
 "
 
-server=""
-stop_server() {
-  if [ -n "$server" ]; then
-    kill "$server" 2> /dev/null || true
-    wait "$server" 2> /dev/null || true
-    server=""
-  fi
-}
-trap stop_server EXIT
 
 visit() {  # NAME SEQUENCE START END FLAGS...
   local name="$1" sequence="$2" start="$3" end="$4"
   shift 4
   "$build/agent/portolan-agent" "$data/$sequence" --start "$start" --end "$end" --agent "$name" \
-    --server "127.0.0.1:$(cat "$output/port")" --outbox "$output/$name/outbox" \
+    --server "$address" --outbox "$output/$name/outbox" \
     --output "$output/$name" --no-progress "$@" > "$output/$name.log" 2>&1
 }
 
@@ -51,13 +43,7 @@ while IFS='|' read -r name sequence truth first second; do
   for seed in $(seq "${PORTOLAN_SEEDS:-1}"); do
     rm -rf "$output"
     mkdir -p "$output"
-    "$build/server/portolan-server" --map "$output/map.db" --listen 127.0.0.1:0 \
-      --port-file "$output/port" > "$output/server.log" 2>&1 &
-    server=$!
-    for _ in $(seq 200); do
-      if [ -s "$output/port" ]; then break; fi
-      sleep 0.05
-    done
+    start_server "$build/server/portolan-server" "$output" "$output/server.log"
     read -r -a range <<< "$first"
     visit first "$sequence" "${range[@]}" --filter.ransac_seed "$seed"
     read -r -a range <<< "$second"

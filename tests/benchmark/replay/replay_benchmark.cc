@@ -3,7 +3,7 @@
 //
 //   replay_benchmark [--submaps 1000] [--agents 100] [--visits 3] [--seed 1]
 //                    [--background_ms 0]   background work after each submap, interrupted then
-//                    [--polish]            background work to its end, at the end
+//                    [--polish]            background work to its end, and settling, at the end
 //                    [--rebuild]           the same from the raw submaps once more
 //                    [--keyframe_information S] [--landmark_information S] [--whole_submaps N]
 //                                          see server/redundancy; shares of 1 keep everything, and
@@ -97,7 +97,7 @@ class Replay {
       Integrate(i);
       if (i == submaps_ || i == 100 || i == 300 || i == 1000 || i == 3000) Report(i);
     }
-    if (polish) Polish(builder_.get());
+    if (polish) Settle(builder_.get());
     if (rebuild) Rebuild();
   }
 
@@ -124,12 +124,12 @@ class Replay {
     index_ms_ = ThreadMilliseconds() - index_start;
   }
 
-  void Polish(MapBuilder* builder) {
+  void Settle(MapBuilder* builder) {
     const Clock::time_point start = Clock::now();
     const double cpu_start = ThreadMilliseconds();
     builder->SettleCompletely();
     const MapError error = ErrorOf(*builder->snapshot(), truth_);
-    std::printf("polished in %.1f s (CPU %.1f s): ATE %.1f mm of %d submaps, %d components\n",
+    std::printf("settled in %.1f s (CPU %.1f s): ATE %.1f mm of %d submaps, %d components\n",
                 MillisecondsSince(start) / 1000, (ThreadMilliseconds() - cpu_start) / 1000,
                 1000 * error.ate_m, error.submaps, error.components);
   }
@@ -142,7 +142,7 @@ class Replay {
           {state->refined->id, state->refined->raw, state->refined->camera, state->refined});
     }
     std::printf("rebuilt; ");
-    Polish(builder.get());
+    Settle(builder.get());
     const std::set<std::pair<SubmapId, SubmapId>> live = ClosuresOf(*builder_->snapshot());
     const std::set<std::pair<SubmapId, SubmapId>> again = ClosuresOf(*builder->snapshot());
     std::vector<std::pair<SubmapId, SubmapId>> both;

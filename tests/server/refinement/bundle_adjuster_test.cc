@@ -147,8 +147,8 @@ TEST_F(BundleAdjusterTest, SolversAgreeOnGemanMcClure) {
   }
 }
 
-// One observation in twenty is wrong by 25 px. Were they a hundred times as wrong the cameras would
-// be where they are; with Cauchy's loss they would not.
+// One observation in twenty is wrong by 25 px. Were they four times as wrong the cameras would be
+// about where they are; with Cauchy's loss they would not.
 TEST_F(BundleAdjusterTest, GemanMcClureIgnoresFarOutliers) {
   const auto shift = [this](RobustLoss loss) {
     BundleOptions options = Exact(Kind::kDense);

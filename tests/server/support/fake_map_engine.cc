@@ -52,6 +52,17 @@ void EngineProbe::CountPreparation() {
   changed_.notify_all();
 }
 
+void EngineProbe::NoteUnsettled() {
+  const std::lock_guard lock(mutex_);
+  is_unsettled_known_ = true;
+  changed_.notify_all();
+}
+
+void EngineProbe::WaitUntilUnsettledIsKnown() {
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] { return is_unsettled_known_; });
+}
+
 void EngineProbe::Add(const std::string& event) {
   const std::lock_guard lock(mutex_);
   events_.push_back(event);
@@ -122,27 +133,31 @@ void FakeMapEngine::IntegrateSubmap(const SubmapInput& input) {
   probe_->Add(Concat("integrate ", key.agent.value(), "/", key.sequence_number));
 }
 
-void FakeMapEngine::Settle(const std::atomic<bool>& interrupt) {
-  probe_->Add("settle");
+bool FakeMapEngine::AwaitEnd(const std::atomic<bool>& interrupt) const {
   while (probe_->background_endless()) {
     if (interrupt) {
       probe_->Add("interrupted");
-      return;
+      return false;
     }
     std::this_thread::yield();
   }
+  return true;
+}
+
+bool FakeMapEngine::HasUnsettled() const {
+  if (is_unsettled_) probe_->NoteUnsettled();
+  return is_unsettled_;
+}
+
+void FakeMapEngine::Settle(const std::atomic<bool>& interrupt) {
+  probe_->Add("settle");
+  if (!AwaitEnd(interrupt)) return;
   is_unsettled_ = false;
 }
 
 void FakeMapEngine::RunBackgroundWork(const std::atomic<bool>& interrupt) {
   probe_->Add("background");
-  while (probe_->background_endless()) {
-    if (interrupt) {
-      probe_->Add("interrupted");
-      return;
-    }
-    std::this_thread::yield();
-  }
+  if (!AwaitEnd(interrupt)) return;
   has_background_work_ = false;
   if (options_.background_shift == 0) return;
   auto next = std::make_shared<MapSnapshot>(*snapshot_);

@@ -19,18 +19,21 @@ class EngineProbe {
   // Integration waits while held.
   void Hold();
   void Release();
-  // Background work ends by itself; otherwise it goes on until interrupted.
+  // Background work and settling end by themselves; otherwise they go on until interrupted.
   void SetBackgroundEndless(bool endless);
-  // "integrate agent/number" and "background" in order.
+  // "integrate agent/number", "background" and "settle" in order.
   std::vector<std::string> events() const;
   void WaitForEvent(const std::string& event);
   // Until so many submaps' preparation has begun.
   void WaitForPreparations(int count);
+  // Until somebody has asked and heard that the map is unsettled.
+  void WaitUntilUnsettledIsKnown();
 
  private:
   friend class FakeMapEngine;
   void Add(const std::string& event);
   void CountPreparation();
+  void NoteUnsettled();
   void WaitWhileHeld();
   bool background_endless() const;
 
@@ -40,6 +43,7 @@ class EngineProbe {
   int preparations_ = 0;
   bool hold_ = false;
   bool background_endless_ = false;
+  bool is_unsettled_known_ = false;
 };
 
 struct FakeMapEngineOptions {
@@ -61,12 +65,15 @@ class FakeMapEngine : public MapEngine {
   void IntegrateSubmap(const SubmapInput& input) override;
   bool HasBackgroundWork() const override { return has_background_work_; }
   void RunBackgroundWork(const std::atomic<bool>& interrupt) override;
-  bool HasUnsettled() const override { return is_unsettled_; }
+  bool HasUnsettled() const override;
   void Settle(const std::atomic<bool>& interrupt) override;
   std::shared_ptr<const MapSnapshot> snapshot() const override { return snapshot_; }
   StageTimes stage_times() const override { return {}; }
 
  private:
+  // While work is endless. False: interrupted.
+  bool AwaitEnd(const std::atomic<bool>& interrupt) const;
+
   const FakeMapEngineOptions options_;
   const std::shared_ptr<EngineProbe> probe_;
   std::shared_ptr<const MapSnapshot> snapshot_;
