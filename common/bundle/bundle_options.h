@@ -18,6 +18,9 @@ struct BundleOptions {
   int max_iterations = 25;
   // Relative decrease of the cost under which a round ends. The ATE no longer changes below it.
   double function_tolerance = 1e-5;
+  // Levenberg-Marquardt damping a round begins with, relative to the diagonal. Damping holds back
+  // the bends that cost least; what is near its minimum needs none.
+  double initial_damping = 1e-4;
   // Rounds of solve and outlier test; the last one is always followed by the test.
   int rounds = 2;
   // Residuals beyond this many sigmas weigh less, and an observation whose squared error in sigmas

@@ -22,8 +22,7 @@ using bundle_solver::PointTerms;
 using bundle_solver::Term;
 using bundle_solver::Unknowns;
 
-// Damping relative to the diagonal: at the start, and the smallest.
-constexpr double kInitialDamping = 1e-4;
+// Damping relative to the diagonal, the least and the most.
 constexpr double kMinDamping = 1e-12;
 constexpr double kMaxDamping = 1e12;
 // Of the diagonal that is damped, as the unknowns' scales are not known.
@@ -60,7 +59,7 @@ class Solver {
     result.initial_cost = result.final_cost = cost;
     if (!std::isfinite(cost)) return result;
     result.usable = true;
-    double damping = kInitialDamping;
+    double damping = options_.initial_damping;
     double growth = 2;
     bool is_linear = true;
     for (; result.iterations < options_.max_iterations; ++result.iterations) {

@@ -32,8 +32,11 @@ class WindowAdjustment {
   }
 
   MapAdjustment Settle(const std::atomic<bool>* interrupt) {
+    if (result_.cameras > options_.max_cameras_anew) {
+      SettleLarge(interrupt);
+      return Finish();
+    }
     if (!Converge(interrupt)) return Finish();
-    if (result_.cameras > options_.max_cameras_anew) return Finish();
     // A narrow loss keeps to the minimum at hand and judges its outliers anew. What a wide one
     // finds depends least on the start, and is preferred as long as it fits about as well.
     if (TryAnew({1.0}, 0.0, interrupt))
@@ -86,6 +89,20 @@ class WindowAdjustment {
     if (!Adjust(bundle, interrupt)) return false;
     window_.Retriangulate();
     return Adjust(bundle, interrupt);
+  }
+
+  // Its outliers depend on where the cameras are, no longer on which they were.
+  void SettleLarge(const std::atomic<bool>* interrupt) {
+    BundleOptions bundle = options_.bundle;
+    bundle.function_tolerance = options_.settling_tolerance;
+    bundle.initial_damping = options_.settling_damping;
+    bundle.inverse_depth_prior_relative *= options_.settling_depth_prior;
+    bundle.inverse_depth_prior_of_median *= options_.settling_depth_prior;
+    bundle.rounds = 1;
+    if (!Adjust(bundle, interrupt)) return;
+    window_.TriangulateAnew();
+    bundle.rounds = options_.settling_rounds;
+    Adjust(bundle, interrupt);
   }
 
   // Converges anew from each of these widths; goes back if the cost is more than before by a larger
@@ -150,7 +167,7 @@ Status MapAdjusterOptions::Validate() const {
   PORTOLAN_RETURN_IF_ERROR(metric.Validate());
   PORTOLAN_RETURN_IF_ERROR(positions.Validate());
   if (settling_rounds < 1 || !(settling_tolerance >= 0) || !(settling_preference >= 0) ||
-      max_cameras_anew < 0) {
+      max_cameras_anew < 0 || !(settling_damping > 0) || !(settling_depth_prior >= 1)) {
     return absl::InvalidArgumentError("map adjuster: settling options out of range");
   }
   if (!(min_metric_path_of_depth >= 0) || !(control_point_chi2 > 0) || min_lens_keyframes < 0 ||

@@ -45,9 +45,14 @@ struct MapAdjusterOptions {
   // Of two minima whose costs differ by less than this share, the one that depends less on the
   // history is taken: they differ in which of thousands of observations are outliers.
   double settling_preference = 1.5e-3;
-  // With more free cameras an iteration takes seconds, a hundred of them are too many, and single
-  // outliers matter less: adjusted to the end, but not anew.
+  // With more free cameras an iteration takes seconds, and a hundred of them are too many. There
+  // landmarks are triangulated anew from all their observations, between two adjustments to the
+  // end. Their softest bends, which cost next to nothing, are held back by an adjustment's damping
+  // and by its prior of depths, which holds on to where each solve began: both are weaker here, the
+  // prior's sigmas by this factor.
   int max_cameras_anew = 2000;
+  double settling_damping = 1e-9;
+  double settling_depth_prior = 10.0;
 
   Status Validate() const;
 };
@@ -74,7 +79,8 @@ MapAdjustment AdjustMap(const MapAdjusterOptions& options, const std::vector<Sub
 // The same for a whole component that was adjusted, so that how it got there matters little: which
 // observations are outliers depends on those that were, and an adjustment comes to rest in the next
 // one of many minima. Adjusts to the end, then from there anew, robustly, with every observation;
-// keeps what fits better. Interrupted, it keeps the former, as far as it got.
+// keeps what fits better. A large one is adjusted, its landmarks triangulated anew, and adjusted
+// again. Interrupted, it keeps what it had, as far as it got.
 MapAdjustment SettleMap(const MapAdjusterOptions& options, const std::vector<SubmapId>& window,
                         const std::atomic<bool>* interrupt, MapModel* model,
                         const PositionReferences* positions = nullptr);

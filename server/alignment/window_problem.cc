@@ -282,22 +282,37 @@ double WindowProblem::SceneDepth(SubmapId id) const {
   return depths[depths.size() / 2];
 }
 
-void WindowProblem::Retriangulate() {
-  const double scene_depth = MedianDepth(problem_);
+template <typename Function>
+void WindowProblem::ForEachLandmark(const Function& function) const {
   size_t begin = 0;
   while (begin < names_.size()) {
     size_t end = begin;
-    int inliers = 0;
     const int point = problem_.observations[begin].point;
-    for (; end < problem_.observations.size() && problem_.observations[end].point == point; ++end) {
-      inliers += problem_.observations[end].inlier ? 1 : 0;
-    }
-    if (inliers < 2) RetriangulatePoint(begin, end, scene_depth);
+    while (end < names_.size() && problem_.observations[end].point == point) ++end;
+    function(begin, end);
     begin = end;
   }
 }
 
-void WindowProblem::RetriangulatePoint(size_t begin, size_t end, double scene_depth) {
+void WindowProblem::Retriangulate() {
+  const double scene_depth = MedianDepth(problem_);
+  ForEachLandmark([this, scene_depth](size_t begin, size_t end) {
+    int inliers = 0;
+    for (size_t i = begin; i < end; ++i) inliers += problem_.observations[i].inlier ? 1 : 0;
+    if (inliers < 2) TriangulatePoint(options_.triangulation, begin, end, scene_depth);
+  });
+}
+
+void WindowProblem::TriangulateAnew() {
+  const double scene_depth = MedianDepth(problem_);
+  TriangulationOptions options = options_.triangulation;
+  options.inlier_chi2 = options_.bundle.outlier_chi2;
+  ForEachLandmark(
+      [&, this](size_t begin, size_t end) { TriangulatePoint(options, begin, end, scene_depth); });
+}
+
+void WindowProblem::TriangulatePoint(const TriangulationOptions& options, size_t begin, size_t end,
+                                     double scene_depth) {
   std::vector<TrackSight> sights;
   for (size_t i = begin; i < end; ++i) {
     const BundleObservation& observation = problem_.observations[i];
@@ -305,7 +320,7 @@ void WindowProblem::RetriangulatePoint(size_t begin, size_t end, double scene_de
     sights.push_back(
         {{camera.world_from_camera, camera.model}, observation.pixel, observation.sigma_px});
   }
-  const auto point = TriangulateTrack(options_.triangulation, sights, std::nullopt, scene_depth);
+  const auto point = TriangulateTrack(options, sights, std::nullopt, scene_depth);
   if (!point) return;
   problem_.points[problem_.observations[begin].point].point_in_world = point->point_in_world;
   for (size_t i = begin; i < end; ++i) problem_.observations[i].inlier = point->inliers[i - begin];

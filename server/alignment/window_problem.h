@@ -25,6 +25,9 @@ class WindowProblem {
   MapAdjustment contents() const;
   // Landmarks with fewer than two inliers.
   void Retriangulate();
+  // All landmarks, from all their observations and the cameras as they are: what was an outlier
+  // before has the same say as any other.
+  void TriangulateAnew();
   // In the unit of the world that there was.
   void WriteBack();
 
@@ -60,7 +63,11 @@ class WindowProblem {
   void AddSurveyedPoint(const SurveyedPoint& surveyed);
   // Median distance of a submap's landmarks, in the world's units.
   double SceneDepth(SubmapId id) const;
-  void RetriangulatePoint(size_t begin, size_t end, double scene_depth);
+  // Calls function(first, end) for the observations of every landmark.
+  template <typename Function>
+  void ForEachLandmark(const Function& function) const;
+  void TriangulatePoint(const TriangulationOptions& options, size_t begin, size_t end,
+                        double scene_depth);
 
   const MapAdjusterOptions& options_;
   const std::set<SubmapId> window_;

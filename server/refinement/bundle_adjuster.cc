@@ -122,6 +122,7 @@ class CeresSolve {
     ceres::Solver::Options solver;
     solver.max_num_iterations = options_.max_iterations;
     solver.function_tolerance = options_.function_tolerance;
+    solver.initial_trust_region_radius = 1.0 / options_.initial_damping;
     solver.num_threads = options_.num_threads;
     solver.logging_type = ceres::SILENT;
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();

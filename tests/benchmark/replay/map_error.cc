@@ -1,6 +1,7 @@
 #include "tests/benchmark/replay/map_error.h"
 
 #include <cmath>
+#include <limits>
 #include <map>
 
 #include "common/trajectory/alignment.h"
@@ -31,16 +32,11 @@ bool IsRight(const Closure& closure, const MapSnapshot& snapshot,
          distance < 1 + 0.1 * expected.translation.norm();
 }
 
-}  // namespace
-
-MapError ErrorOf(const MapSnapshot& snapshot, const std::vector<std::vector<Rigid3>>& truth) {
-  MapError error;
+std::map<ComponentId, Positions> ComponentsOf(const MapSnapshot& snapshot,
+                                              const std::vector<std::vector<Rigid3>>& truth) {
   std::map<ComponentId, Positions> components;
   for (const auto& state : snapshot.submaps) {
-    if (!state->refined->quarantine_reason.empty()) {
-      ++error.quarantined;
-      continue;
-    }
+    if (!state->refined->quarantine_reason.empty()) continue;
     Positions& positions = components[state->component];
     const std::vector<Rigid3>& poses = truth[static_cast<size_t>(state->refined->id.value()) - 1];
     ++positions.submaps;
@@ -50,6 +46,37 @@ MapError ErrorOf(const MapSnapshot& snapshot, const std::vector<std::vector<Rigi
       if (k > 0) positions.path_m += (poses[k].translation - poses[k - 1].translation).norm();
     }
   }
+  return components;
+}
+
+const Positions* LargestOf(const std::map<ComponentId, Positions>& components) {
+  const Positions* largest = nullptr;
+  for (const auto& [id, positions] : components) {
+    if (largest == nullptr || positions.submaps > largest->submaps) largest = &positions;
+  }
+  return largest;
+}
+
+// After the Sim(3) alignment to `reference`; NaN where there is none.
+double RmsAligned(const std::vector<Eigen::Vector3d>& points,
+                  const std::vector<Eigen::Vector3d>& reference) {
+  const auto aligned = AlignPoints(points, reference, AlignmentMode::kSim3);
+  if (!aligned) return std::numeric_limits<double>::quiet_NaN();
+  double sum = 0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    sum += (*aligned * points[i] - reference[i]).squaredNorm();
+  }
+  return std::sqrt(sum / static_cast<double>(points.size()));
+}
+
+}  // namespace
+
+MapError ErrorOf(const MapSnapshot& snapshot, const std::vector<std::vector<Rigid3>>& truth) {
+  MapError error;
+  for (const auto& state : snapshot.submaps) {
+    error.quarantined += state->refined->quarantine_reason.empty() ? 0 : 1;
+  }
+  const std::map<ComponentId, Positions> components = ComponentsOf(snapshot, truth);
   error.components = static_cast<int>(components.size());
   for (const Closure& closure : *snapshot.closures) {
     ++(IsRight(closure, snapshot, truth) ? error.accepted_right : error.accepted_wrong);
@@ -57,19 +84,25 @@ MapError ErrorOf(const MapSnapshot& snapshot, const std::vector<std::vector<Rigi
   for (const Closure& closure : *snapshot.waiting_closures) {
     ++(IsRight(closure, snapshot, truth) ? error.waiting_right : error.waiting_wrong);
   }
-  for (const auto& [id, positions] : components) {
-    if (positions.submaps <= error.submaps) continue;
-    const auto aligned = AlignPoints(positions.estimate, positions.truth, AlignmentMode::kSim3);
-    if (!aligned) continue;
-    double sum = 0;
-    for (size_t i = 0; i < positions.truth.size(); ++i) {
-      sum += (*aligned * positions.estimate[i] - positions.truth[i]).squaredNorm();
-    }
-    error.submaps = positions.submaps;
-    error.path_m = positions.path_m;
-    error.ate_m = std::sqrt(sum / static_cast<double>(positions.truth.size()));
-  }
+  const Positions* largest = LargestOf(components);
+  if (largest == nullptr) return error;
+  error.submaps = largest->submaps;
+  error.path_m = largest->path_m;
+  error.ate_m = RmsAligned(largest->estimate, largest->truth);
   return error;
+}
+
+double DistanceBetween(const MapSnapshot& a, const MapSnapshot& b,
+                       const std::vector<std::vector<Rigid3>>& truth) {
+  const auto components_a = ComponentsOf(a, truth), components_b = ComponentsOf(b, truth);
+  const Positions* largest_a = LargestOf(components_a);
+  const Positions* largest_b = LargestOf(components_b);
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  if (largest_a == nullptr || largest_b == nullptr) return kNone;
+  if (largest_a->truth.size() != largest_b->truth.size()) return kNone;
+  const auto metric = AlignPoints(largest_b->estimate, largest_b->truth, AlignmentMode::kSim3);
+  if (!metric) return kNone;
+  return metric->scale * RmsAligned(largest_a->estimate, largest_b->estimate);
 }
 
 }  // namespace portolan

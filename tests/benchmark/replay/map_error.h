@@ -25,6 +25,11 @@ struct MapError {
 // truth[i]: true camera poses of the submap with id i + 1.
 MapError ErrorOf(const MapSnapshot& snapshot, const std::vector<std::vector<Rigid3>>& truth);
 
+// RMS distance [m] between the keyframes of two maps of the same submaps, after one Sim(3)
+// alignment of the component with the most keyframes.
+double DistanceBetween(const MapSnapshot& a, const MapSnapshot& b,
+                       const std::vector<std::vector<Rigid3>>& truth);
+
 }  // namespace portolan
 
 #endif  // PORTOLAN_TESTS_BENCHMARK_REPLAY_MAP_ERROR_H_

@@ -148,8 +148,9 @@ class Replay {
     std::vector<std::pair<SubmapId, SubmapId>> both;
     std::set_intersection(live.begin(), live.end(), again.begin(), again.end(),
                           std::back_inserter(both));
-    std::printf("closures: %zu, rebuilt %zu, in both %zu\n", live.size(), again.size(),
-                both.size());
+    std::printf("closures: %zu, rebuilt %zu, in both %zu; the maps are %.1f mm apart\n",
+                live.size(), again.size(), both.size(),
+                1000 * DistanceBetween(*builder_->snapshot(), *builder->snapshot(), truth_));
   }
 
   static std::set<std::pair<SubmapId, SubmapId>> ClosuresOf(const MapSnapshot& snapshot) {

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+
 #include "server/refinement/submap_refiner.h"
 #include "tests/support/synthetic_submaps.h"
 
@@ -106,8 +108,24 @@ TEST_F(MapAdjusterTest, RedundantKeyframesBehindTheWindowFollow) {
   }
 }
 
+struct SettlingCase {
+  int max_cameras_anew;
+  // Between maps that began differently: of some 4,000 inliers, and of the cameras' places.
+  int differing_inliers;
+  double distance;
+};
+
+// As a small component and as a large one, which costs less and leaves more to chance (11 inliers
+// differ if its landmarks are not triangulated anew).
+class MapSettlingTest : public MapAdjusterTest, public testing::WithParamInterface<SettlingCase> {};
+
+INSTANTIATE_TEST_SUITE_P(SmallAndLarge, MapSettlingTest,
+                         testing::Values(SettlingCase{2000, 0, 5e-4}, SettlingCase{0, 2, 1e-3}));
+
 // Two maps of the same submaps, one of which took a third of what it sees for outliers.
-TEST_F(MapAdjusterTest, SettlesInOneMapWhateverTheOutliersWere) {
+TEST_P(MapSettlingTest, SettlesInOneMapWhateverTheOutliersWere) {
+  MapAdjusterOptions options;
+  options.max_cameras_anew = GetParam().max_cameras_anew;
   Make(OneSession());
   MapModel other = model_;
   for (const SubmapId id : ids_) {
@@ -133,11 +151,12 @@ TEST_F(MapAdjusterTest, SettlesInOneMapWhateverTheOutliersWere) {
     return largest;
   };
   ASSERT_GT(distance(), 0.01);
-  const MapAdjustment one = SettleMap({}, ids_, nullptr, &model_);
-  const MapAdjustment two = SettleMap({}, ids_, nullptr, &other);
-  EXPECT_EQ(one.summary.inlier_count, two.summary.inlier_count);
-  EXPECT_NEAR(one.summary.final_cost, two.summary.final_cost, 1e-3 * one.summary.final_cost);
-  EXPECT_LT(distance(), 5e-4);
+  const MapAdjustment one = SettleMap(options, ids_, nullptr, &model_);
+  const MapAdjustment two = SettleMap(options, ids_, nullptr, &other);
+  EXPECT_LE(std::abs(one.summary.inlier_count - two.summary.inlier_count),
+            GetParam().differing_inliers);
+  EXPECT_NEAR(one.summary.final_cost, two.summary.final_cost, 2e-3 * one.summary.final_cost);
+  EXPECT_LT(distance(), GetParam().distance);
 }
 
 TEST_F(MapAdjusterTest, SettlingThatIsInterruptedSaysSo) {
