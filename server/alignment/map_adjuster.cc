@@ -81,11 +81,16 @@ class WindowAdjustment {
     return summary.usable && !summary.interrupted;
   }
 
-  // Until the inliers stay.
-  bool Converge(const std::atomic<bool>* interrupt) {
+  BundleOptions SettlingOptions() const {
     BundleOptions bundle = options_.bundle;
     bundle.function_tolerance = options_.settling_tolerance;
     bundle.rounds = options_.settling_rounds;
+    return bundle;
+  }
+
+  // Until the inliers stay.
+  bool Converge(const std::atomic<bool>* interrupt) {
+    const BundleOptions bundle = SettlingOptions();
     if (!Adjust(bundle, interrupt)) return false;
     window_.Retriangulate();
     return Adjust(bundle, interrupt);
@@ -93,8 +98,7 @@ class WindowAdjustment {
 
   // Its outliers depend on where the cameras are, no longer on which they were.
   void SettleLarge(const std::atomic<bool>* interrupt) {
-    BundleOptions bundle = options_.bundle;
-    bundle.function_tolerance = options_.settling_tolerance;
+    BundleOptions bundle = SettlingOptions();
     bundle.initial_damping = options_.settling_damping;
     bundle.inverse_depth_prior_relative *= options_.settling_depth_prior;
     bundle.inverse_depth_prior_of_median *= options_.settling_depth_prior;

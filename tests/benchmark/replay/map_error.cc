@@ -99,7 +99,7 @@ double DistanceBetween(const MapSnapshot& a, const MapSnapshot& b,
   const Positions* largest_b = LargestOf(components_b);
   constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   if (largest_a == nullptr || largest_b == nullptr) return kNone;
-  if (largest_a->truth.size() != largest_b->truth.size()) return kNone;
+  if (largest_a->truth != largest_b->truth) return kNone;
   const auto metric = AlignPoints(largest_b->estimate, largest_b->truth, AlignmentMode::kSim3);
   if (!metric) return kNone;
   return metric->scale * RmsAligned(largest_a->estimate, largest_b->estimate);

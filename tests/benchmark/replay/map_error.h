@@ -11,7 +11,7 @@ namespace portolan {
 struct MapError {
   int components = 0;
   int quarantined = 0;
-  // Of the component with the most keyframes, after one Sim(3) alignment.
+  // Of the component with the most submaps, after one Sim(3) alignment.
   int submaps = 0;
   double ate_m = 0;
   double path_m = 0;  // length of the true paths of its submaps
@@ -26,7 +26,7 @@ struct MapError {
 MapError ErrorOf(const MapSnapshot& snapshot, const std::vector<std::vector<Rigid3>>& truth);
 
 // RMS distance [m] between the keyframes of two maps of the same submaps, after one Sim(3)
-// alignment of the component with the most keyframes.
+// alignment of their components with the most submaps; NaN if these do not hold the same keyframes.
 double DistanceBetween(const MapSnapshot& a, const MapSnapshot& b,
                        const std::vector<std::vector<Rigid3>>& truth);
 
